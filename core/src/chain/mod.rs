@@ -1,0 +1,636 @@
+//! The Metropolis–Hastings chain: one step at a time, driven by the caller.
+//!
+//! A fit has two stages (FACTS §6.6). The *landmark* stage moves the pose alone and looks at the
+//! landmarks alone; the *image* stage starts from its best state, moves everything and looks at
+//! the picture. A proposal passes three tests in turn, each cheaper than the next: landmarks,
+//! prior, image. A test accepts with probability `min(1, ratio of its factor)`; the product of the
+//! three satisfies detailed balance for the product of the factors, and most bad proposals never
+//! cost a rendering. The correction of the proposal density belongs to the first test.
+
+mod pipeline;
+
+use crate::hash::Fnv64;
+use crate::likelihood::landmarks::{Landmarks, MAX_LANDMARKS, Points};
+use crate::likelihood::prior::Prior;
+use crate::math;
+use crate::model::Model;
+use crate::proposal::{self, Branch, CENTRES, MAX_LEAVES, Part, Surroundings, Table, Touched};
+use crate::rng::Rng;
+use crate::scene::{Light, MAX_RANK, Scene};
+use crate::workspace::{Carver, Dimensions};
+use core::fmt;
+use pipeline::Pipeline;
+use serde::{Deserialize, Serialize};
+
+/// An 8-bit RGB picture, row by row from the top.
+#[derive(Clone, Copy, Debug)]
+pub struct Image<'a> {
+    /// `width · height` pixels.
+    pub pixels: &'a [[u8; 3]],
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// Where a named landmark of the model is in the picture, window pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation<'a> {
+    /// Name as in the model.
+    pub name: &'a str,
+    /// `(u, v)`, y down; pixel `(x, y)` is the point `(x, y)`.
+    pub position: [f32; 2],
+}
+
+/// How a fit is done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Config {
+    /// Shape coefficients to infer.
+    pub shape_rank: usize,
+    /// Albedo coefficients to infer.
+    pub albedo_rank: usize,
+    /// Steps of the landmark stage.
+    pub landmark_samples: u32,
+    /// Steps of the image stage.
+    pub samples: u32,
+    /// Standard deviation of a landmark, pixels.
+    pub landmark_sd: f32,
+    /// Standard deviation of a pixel's colour channel.
+    pub pixel_sd: f32,
+    /// Priors on pose, camera and colour.
+    pub prior: Prior,
+    /// Whether search moves are used. Without them the image stage is a sampler of its target.
+    pub search: bool,
+}
+
+impl Default for Config {
+    /// The paper's face fit: 50 + 50 coefficients, 5000 + 5000 samples.
+    fn default() -> Self {
+        Self {
+            shape_rank: 50,
+            albedo_rank: 50,
+            landmark_samples: 5000,
+            samples: 5000,
+            landmark_sd: 4.0,
+            pixel_sd: 0.043,
+            prior: Prior::default(),
+            search: true,
+        }
+    }
+}
+
+/// What is to be fitted to what, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Problem<'a> {
+    /// The model.
+    pub model: &'a Model<'a>,
+    /// The picture.
+    pub image: Image<'a>,
+    /// Landmarks in the picture, at least one.
+    pub landmarks: &'a [Observation<'a>],
+    /// How.
+    pub config: &'a Config,
+}
+
+impl Problem<'_> {
+    /// The sizes that determine the memory a chain needs.
+    pub fn dimensions(&self) -> Dimensions {
+        Dimensions {
+            vertices: self.model.vertices(),
+            shape_rank: self.config.shape_rank.min(self.model.shape.rank()),
+            landmarks: self.landmarks.len(),
+            width: self.image.width as usize,
+            height: self.image.height as usize,
+        }
+    }
+}
+
+/// Why a chain cannot start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum ChainError {
+    /// The picture is empty or has another number of pixels than its sides say.
+    Image,
+    /// No landmarks, or more than [`MAX_LANDMARKS`].
+    LandmarkCount { found: usize },
+    /// A landmark that the model does not have.
+    UnknownLandmark { index: usize },
+    /// A landmark position that is not finite.
+    LandmarkPosition { index: usize },
+    /// More coefficients than [`MAX_RANK`].
+    Rank { found: usize },
+    /// A standard deviation that is not positive.
+    Config,
+    /// The memory is shorter than [`Dimensions::words`].
+    Memory { needed: usize, found: usize },
+    /// The checkpoint is of another problem: other coefficients or picture size.
+    Checkpoint,
+}
+
+impl fmt::Display for ChainError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Image => write!(f, "the picture is empty or its size does not match its pixels"),
+            Self::LandmarkCount { found } => {
+                write!(f, "{found} landmarks; a fit needs 1 to {MAX_LANDMARKS}")
+            }
+            Self::UnknownLandmark { index } => {
+                write!(f, "landmark {index} is not a landmark of the model")
+            }
+            Self::LandmarkPosition { index } => {
+                write!(f, "landmark {index} has a position that is not finite")
+            }
+            Self::Rank { found } => {
+                write!(f, "{found} coefficients; a fit infers at most {MAX_RANK} of each kind")
+            }
+            Self::Config => write!(f, "a standard deviation in the configuration is not positive"),
+            Self::Memory { needed, found } => {
+                write!(f, "{found} words of memory; this fit needs {needed}")
+            }
+            Self::Checkpoint => write!(f, "the checkpoint belongs to another model or picture"),
+        }
+    }
+}
+
+impl core::error::Error for ChainError {}
+
+/// The two stages of a fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Stage {
+    /// Pose by landmarks.
+    Landmarks,
+    /// Everything by the picture.
+    Image,
+}
+
+/// The tests a proposal passes, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Filter {
+    Landmarks,
+    Prior,
+    Image,
+}
+
+/// What became of a proposal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// It is the new state.
+    Accepted,
+    /// A test turned it down; the state stays.
+    Rejected(Filter),
+    /// The move had nowhere to go; the state stays.
+    Failed,
+}
+
+/// One step of the chain.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// The stage it belongs to.
+    pub stage: Stage,
+    /// Which leaf of the stage's [`Table`] made the proposal.
+    pub branch: usize,
+    /// What became of it.
+    pub outcome: Outcome,
+}
+
+/// Log densities of a hypothesis, factor by factor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Density {
+    /// Landmark likelihood.
+    pub landmarks: f64,
+    /// Prior.
+    pub prior: f64,
+    /// Image likelihood; 0 in the landmark stage, which does not look at it.
+    pub image: f64,
+}
+
+impl Density {
+    /// Log density of the chain's target, up to a constant.
+    pub fn posterior(&self) -> f64 {
+        self.landmarks + self.prior + self.image
+    }
+}
+
+/// A hypothesis with its densities.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The hypothesis.
+    pub scene: Scene,
+    /// Its densities.
+    pub density: Density,
+}
+
+/// How often a leaf proposed and how often it was accepted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tally {
+    /// Proposals.
+    pub proposed: u32,
+    /// Acceptances.
+    pub accepted: u32,
+}
+
+type Tallies = heapless::Vec<Tally, MAX_LEAVES>;
+
+/// Everything a chain has to remember; the rest of its memory follows from it. A chain resumed
+/// from its checkpoint goes on with the same bits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Checkpoint {
+    /// The stage of the next step.
+    pub stage: Stage,
+    /// Steps done in this stage.
+    pub step: u32,
+    /// Steps of the image stage so far that rendered and compared the picture.
+    pub image_evaluated: u32,
+    /// The current state.
+    pub state: State,
+    /// The state of highest target density in this stage.
+    pub best: State,
+    /// The state the image stage began with.
+    pub initial: Option<State>,
+    /// The random stream.
+    pub rng: Rng,
+    /// Hash of every accepted state.
+    pub fingerprint: Fnv64,
+    /// Acceptance per leaf, landmark stage and image stage.
+    pub tallies: [Tallies; 2],
+}
+
+/// A running fit.
+pub struct Chain<'a, 'w> {
+    problem: Problem<'a>,
+    tables: [Table; 2],
+    centres: [Option<usize>; CENTRES.len()],
+    landmarks: Landmarks<'w>,
+    /// Model-frame landmark positions of the current state.
+    points: Points,
+    pipeline: Pipeline<'w>,
+    progress: Checkpoint,
+}
+
+impl<'a, 'w> Chain<'a, 'w> {
+    /// A chain at the mean face, one metre away. `stream` numbers the chains of one seed.
+    ///
+    /// # Errors
+    /// Whatever in the problem does not fit together, see [`ChainError`].
+    pub fn new(
+        problem: Problem<'a>,
+        seed: u64,
+        stream: u32,
+        memory: &'w mut [u32],
+    ) -> Result<Self, ChainError> {
+        let Problem { model, image, config, .. } = problem;
+        let rank = |wanted: usize, available: usize| wanted.min(available);
+        let scene = Scene::initial(
+            image.width,
+            image.height,
+            rank(config.shape_rank, model.shape.rank()),
+            rank(config.albedo_rank, model.albedo.rank()),
+        );
+        let density = Density { landmarks: 0.0, prior: 0.0, image: 0.0 };
+        let state = State { scene, density };
+        let progress = Checkpoint {
+            stage: Stage::Landmarks,
+            step: 0,
+            image_evaluated: 0,
+            best: state.clone(),
+            state,
+            initial: None,
+            rng: Rng::new(seed, stream),
+            fingerprint: Fnv64::default(),
+            tallies: [Tallies::new(), Tallies::new()],
+        };
+        let mut chain = Self::assemble(problem, progress, memory)?;
+        for (tallies, table) in chain.progress.tallies.iter_mut().zip(&chain.tables) {
+            // At most MAX_LEAVES, like the table.
+            let _ = tallies.resize(table.branches().len(), Tally::default());
+        }
+        chain.progress.state.density = chain.evaluate_all();
+        chain.progress.best = chain.progress.state.clone();
+        if config.landmark_samples == 0 {
+            chain.enter_image_stage();
+        }
+        Ok(chain)
+    }
+
+    /// The chain a checkpoint was taken of, on the same problem.
+    ///
+    /// # Errors
+    /// As [`Chain::new`], and [`ChainError::Checkpoint`] if it belongs to another problem.
+    pub fn resume(
+        problem: Problem<'a>,
+        checkpoint: Checkpoint,
+        memory: &'w mut [u32],
+    ) -> Result<Self, ChainError> {
+        let size = [problem.image.width, problem.image.height];
+        let scenes = [&checkpoint.state.scene, &checkpoint.best.scene];
+        if scenes.iter().any(|scene| {
+            scene.camera.image_size != size
+                || scene.shape.len() > problem.model.shape.rank()
+                || scene.albedo.len() > problem.model.albedo.rank()
+                || scene.shape.len() > problem.config.shape_rank
+        }) {
+            return Err(ChainError::Checkpoint);
+        }
+        let mut chain = Self::assemble(problem, checkpoint, memory)?;
+        let fits = |t: &(&Tallies, &Table)| t.0.len() == t.1.branches().len();
+        if !chain.progress.tallies.iter().zip(&chain.tables).all(|t| fits(&t)) {
+            return Err(ChainError::Checkpoint);
+        }
+        chain.points = chain.landmarks.points(&chain.progress.state.scene.shape);
+        if chain.evaluate_all() != chain.progress.state.density {
+            return Err(ChainError::Checkpoint);
+        }
+        Ok(chain)
+    }
+
+    /// Checks the problem and carves the memory.
+    fn assemble(
+        problem: Problem<'a>,
+        progress: Checkpoint,
+        memory: &'w mut [u32],
+    ) -> Result<Self, ChainError> {
+        let Problem { model, image, landmarks, config } = problem;
+        let pixels = (image.width as usize).checked_mul(image.height as usize);
+        if image.pixels.is_empty() || pixels != Some(image.pixels.len()) {
+            return Err(ChainError::Image);
+        }
+        if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
+            return Err(ChainError::LandmarkCount { found: landmarks.len() });
+        }
+        let found = config.shape_rank.max(config.albedo_rank);
+        if found > MAX_RANK {
+            return Err(ChainError::Rank { found });
+        }
+        let prior = &config.prior;
+        let sds = [
+            config.landmark_sd,
+            config.pixel_sd,
+            prior.distance,
+            prior.distance_sd,
+            prior.principal_point_sd,
+            prior.gain_sd,
+            prior.contrast_sd,
+            prior.offset_sd,
+        ];
+        if sds.iter().any(|sd| !(*sd > 0.0 && sd.is_finite())) {
+            return Err(ChainError::Config);
+        }
+        let mut observed = heapless::Vec::<_, MAX_LANDMARKS>::new();
+        for (index, landmark) in landmarks.iter().enumerate() {
+            let vertex =
+                model.landmark(landmark.name).ok_or(ChainError::UnknownLandmark { index })?;
+            if !landmark.position.iter().all(|x| x.is_finite()) {
+                return Err(ChainError::LandmarkPosition { index });
+            }
+            // The count was checked.
+            let _ = observed.push((vertex, landmark.position));
+        }
+        let centres = CENTRES.map(|name| landmarks.iter().position(|l| l.name == name));
+        let scene = &progress.state.scene;
+        let applies = |branch: &Branch| {
+            let rank = match branch.kind.part() {
+                Some(Part::Shape) => scene.shape.len(),
+                Some(Part::Albedo) => scene.albedo.len(),
+                None => 1,
+            };
+            rank > 0
+                && branch.centre.is_none_or(|c| centres[c].is_some())
+                && (config.search || !branch.kind.is_search())
+        };
+        // Neither tree is ever empty: translation and light always apply.
+        let tables = [
+            Table::new(&proposal::POSE, applies).ok_or(ChainError::Config)?,
+            Table::new(&proposal::FACE, applies).ok_or(ChainError::Config)?,
+        ];
+
+        let dimensions = problem.dimensions();
+        let error = ChainError::Memory { needed: dimensions.words(), found: memory.len() };
+        if memory.len() < dimensions.words() {
+            return Err(error);
+        }
+        let mut carver = Carver::new(memory);
+        let pipeline = Pipeline::carve(&mut carver, &dimensions, image.pixels).ok_or(error)?;
+        let landmarks = Landmarks::gather(
+            &mut carver,
+            model,
+            &observed,
+            dimensions.shape_rank,
+            config.landmark_sd,
+        )
+        .ok_or(error)?;
+        let points = landmarks.points(&scene.shape);
+        Ok(Self { problem, tables, centres, landmarks, points, pipeline, progress })
+    }
+
+    /// Makes one step; `None` when the fit is done.
+    pub fn step(&mut self) -> Option<Step> {
+        let config = self.problem.config;
+        let stage = self.progress.stage;
+        let end = match stage {
+            Stage::Landmarks => config.landmark_samples,
+            Stage::Image => config.samples,
+        };
+        if self.progress.step >= end {
+            return None;
+        }
+        let branch = self.tables[stage as usize].pick(&mut self.progress.rng);
+        let outcome = self.try_branch(branch);
+        let tally = &mut self.progress.tallies[stage as usize][branch];
+        tally.proposed += 1;
+        tally.accepted += u32::from(outcome == Outcome::Accepted);
+        self.progress.step += 1;
+        if stage == Stage::Landmarks && self.progress.step == end {
+            self.enter_image_stage();
+        }
+        Some(Step { stage, branch, outcome })
+    }
+
+    fn try_branch(&mut self, branch: usize) -> Outcome {
+        let stage = self.progress.stage;
+        let branch = self.tables[stage as usize].branches()[branch];
+        let current = &self.progress.state;
+        let mut scene = current.scene.clone();
+        let surroundings = Around {
+            centres: &self.centres,
+            points: &self.points,
+            pipeline: &self.pipeline,
+            scene: &current.scene,
+        };
+        let rng = &mut self.progress.rng;
+        let Some(correction) = proposal::propose(&branch, &mut scene, rng, &surroundings) else {
+            return Outcome::Failed;
+        };
+        let touched = branch.kind.touches();
+        let mut density = current.density;
+
+        let mut points = None;
+        if touched.shape {
+            points = Some(self.landmarks.points(&scene.shape));
+        }
+        if touched.geometry {
+            let points = points.as_ref().unwrap_or(&self.points);
+            density.landmarks = self.landmarks.ln_likelihood(&scene, points);
+        }
+        let gain = density.landmarks - current.density.landmarks + correction;
+        if !passes(rng, gain) {
+            return Outcome::Rejected(Filter::Landmarks);
+        }
+        density.prior = self.problem.config.prior.ln_density(&scene);
+        if !passes(rng, density.prior - current.density.prior) {
+            return Outcome::Rejected(Filter::Prior);
+        }
+        if stage == Stage::Image {
+            // The threshold is drawn first, so that a hopeless proposal can be given up midway.
+            let floor = current.density.image + math::ln(rng.uniform());
+            self.progress.image_evaluated += 1;
+            let Problem { model, config, .. } = self.problem;
+            self.pipeline.update(model, &scene, touched, config.pixel_sd);
+            match self.pipeline.ln_likelihood(touched, config.pixel_sd, floor) {
+                Some(image) => density.image = image,
+                None => return Outcome::Rejected(Filter::Image),
+            }
+            self.pipeline.accept(touched);
+        }
+        if let Some(points) = points {
+            self.points = points;
+        }
+        self.progress.state = State { scene, density };
+        self.record();
+        Outcome::Accepted
+    }
+
+    /// Fingerprint and best state after an acceptance.
+    fn record(&mut self) {
+        let progress = &mut self.progress;
+        hash_scene(&mut progress.fingerprint, &progress.state.scene);
+        if progress.state.density.posterior() > progress.best.density.posterior() {
+            progress.best.clone_from(&progress.state);
+        }
+    }
+
+    /// Goes on from the best state of the landmark stage, with the picture.
+    fn enter_image_stage(&mut self) {
+        self.progress.stage = Stage::Image;
+        self.progress.step = 0;
+        self.progress.state = self.progress.best.clone();
+        self.points = self.landmarks.points(&self.progress.state.scene.shape);
+        self.progress.state.density = self.evaluate_all();
+        self.progress.best = self.progress.state.clone();
+        self.progress.initial = Some(self.progress.state.clone());
+    }
+
+    /// All densities of the current state, from scratch; fills the pipeline in the image stage.
+    fn evaluate_all(&mut self) -> Density {
+        let Problem { model, config, .. } = self.problem;
+        let scene = &self.progress.state.scene;
+        let mut image = 0.0;
+        if self.progress.stage == Stage::Image {
+            self.pipeline.update(model, scene, Touched::ALL, config.pixel_sd);
+            image = self
+                .pipeline
+                .ln_likelihood(Touched::ALL, config.pixel_sd, f64::NEG_INFINITY)
+                .unwrap_or(f64::NEG_INFINITY);
+            self.pipeline.accept(Touched::ALL);
+        }
+        Density {
+            landmarks: self.landmarks.ln_likelihood(scene, &self.points),
+            prior: config.prior.ln_density(scene),
+            image,
+        }
+    }
+
+    /// What to save to go on later.
+    pub fn checkpoint(&self) -> &Checkpoint {
+        &self.progress
+    }
+
+    /// The current state.
+    pub fn state(&self) -> &State {
+        &self.progress.state
+    }
+
+    /// The state of highest target density in this stage.
+    pub fn best(&self) -> &State {
+        &self.progress.best
+    }
+
+    /// Hash of every accepted state so far.
+    pub fn fingerprint(&self) -> u64 {
+        self.progress.fingerprint.finish()
+    }
+
+    /// Steps done and steps in all, over both stages.
+    pub fn progress(&self) -> (u32, u32) {
+        let config = self.problem.config;
+        let before = match self.progress.stage {
+            Stage::Landmarks => 0,
+            Stage::Image => config.landmark_samples,
+        };
+        (before + self.progress.step, config.landmark_samples.saturating_add(config.samples))
+    }
+
+    /// Acceptance per leaf of a stage.
+    pub fn tallies(&self, stage: Stage) -> impl Iterator<Item = (&Branch, Tally)> {
+        let index = stage as usize;
+        self.tables[index].branches().iter().zip(self.progress.tallies[index].iter().copied())
+    }
+
+    /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's
+    /// state.
+    pub fn quality(&mut self, scene: &Scene) -> Quality {
+        let Problem { model, config, .. } = self.problem;
+        let points = self.landmarks.points(&scene.shape);
+        self.pipeline.update(model, scene, Touched::ALL, config.pixel_sd);
+        let (covered, pixel_rmse) = self.pipeline.rmse_of_proposal();
+        Quality { covered, pixel_rmse, landmark_rmse: self.landmarks.rmse(scene, &points) }
+    }
+}
+
+/// How well a hypothesis explains its observations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Pixels the model covers.
+    pub covered: usize,
+    /// Root mean square colour difference per channel over them, `[0, 1]`.
+    pub pixel_rmse: f64,
+    /// Root mean square landmark distance, pixels.
+    pub landmark_rmse: f64,
+}
+
+/// Accepts with probability `min(1, eᵍ)`. Draws a number only when it decides. `−∞ − (−∞)` is
+/// NaN: a state without density may be left for another without density.
+fn passes(rng: &mut Rng, gain: f64) -> bool {
+    gain >= 0.0 || gain.is_nan() || math::ln(rng.uniform()) < gain
+}
+
+fn hash_scene(hash: &mut Fnv64, scene: &Scene) {
+    let (pose, camera, color) = (&scene.pose, &scene.camera, &scene.color);
+    hash.write_f32(&[pose.scale, pose.roll, pose.yaw, pose.pitch]);
+    hash.write_f32(&pose.translation);
+    hash.write_f32(&[camera.focal_length, camera.principal_point[0], camera.principal_point[1]]);
+    hash.write_f32(scene.light.as_flattened());
+    hash.write_f32(&color.gain);
+    hash.write_f32(&[color.contrast]);
+    hash.write_f32(&color.offset);
+    hash.write_f32(&scene.shape);
+    hash.write_f32(&scene.albedo);
+}
+
+/// What the moves see of the chain.
+struct Around<'s, 'w> {
+    centres: &'s [Option<usize>; CENTRES.len()],
+    points: &'s Points,
+    pipeline: &'s Pipeline<'w>,
+    scene: &'s Scene,
+}
+
+impl Surroundings for Around<'_, '_> {
+    fn centre(&self, index: usize) -> Option<[f32; 3]> {
+        self.points.get((*self.centres.get(index)?)?).copied()
+    }
+
+    fn solve_light(&self, points: u32, rng: &mut Rng) -> Option<Light> {
+        self.pipeline.solve_light(self.scene, points, rng)
+    }
+}

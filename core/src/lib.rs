@@ -1,0 +1,43 @@
+//! 3D morphable models on bare metal: the inference core of onescan.
+//!
+//! The pipeline, in the order the data flows:
+//!
+//! | step | room |
+//! |---|---|
+//! | model bytes → checked view | [`model`], [`basis`] |
+//! | hypothesis about the picture | [`scene`] |
+//! | coefficients → positions, normals, albedo | [`basis`], [`mesh`] |
+//! | positions → picture | [`render`], [`light`] |
+//! | picture, landmarks, coefficients → log density | [`likelihood`] |
+//! | hypothesis → next hypothesis | [`proposal`], [`rng`] |
+//! | Metropolis–Hastings, filters, stages | [`chain`] |
+//! | memory for all of it | [`workspace`] |
+//!
+//! # Contract
+//! No heap, no `unsafe`, no clock, no files: the caller owns all memory and drives the chain one
+//! [`step`](chain::Chain::step) at a time. Constructors check what they are given
+//! ([`model::Model::new_checked`], [`chain::Chain::new`]); after that nothing can fail or panic.
+//!
+//! A fit is a pure function of (model bytes, image bytes, landmarks, configuration, seed), to the
+//! last bit, on every target: transcendental functions come from [`math`] alone, nothing is
+//! contracted to fused multiply–adds, and every sum has the shape written in the source.
+
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod basis;
+pub mod chain;
+pub mod hash;
+pub mod light;
+pub mod likelihood;
+pub mod math;
+pub mod mesh;
+pub mod model;
+pub mod proposal;
+pub mod render;
+pub mod rng;
+pub mod scene;
+pub mod workspace;

@@ -1,0 +1,110 @@
+//! Landmark likelihood: isotropic Gaussian error in the picture.
+
+use super::LN_2PI;
+use crate::math;
+use crate::model::Model;
+use crate::scene::Scene;
+use crate::workspace::Carver;
+
+/// The most landmarks an observation may have.
+pub const MAX_LANDMARKS: usize = 64;
+
+/// Model-frame positions of the observed landmarks, mm.
+pub type Points = heapless::Vec<[f32; 3], MAX_LANDMARKS>;
+
+/// Words of memory [`Landmarks`] needs.
+pub const fn rows_words(landmarks: usize, shape_rank: usize) -> usize {
+    3 * landmarks * (1 + shape_rank)
+}
+
+/// Observed landmarks with the rows of the shape basis at their vertices, so that a shape is
+/// judged by its landmarks before the whole instance is computed.
+pub struct Landmarks<'w> {
+    /// Per landmark: mean x y z, then x y z of each component.
+    rows: &'w mut [f32],
+    observed: heapless::Vec<[f32; 2], MAX_LANDMARKS>,
+    rank: usize,
+    sd: f32,
+}
+
+impl<'w> Landmarks<'w> {
+    /// Gathers the rows of the vertices. Returns `None` if the memory is too short, a vertex is
+    /// out of range or there are more than [`MAX_LANDMARKS`].
+    pub fn gather(
+        carver: &mut Carver<'w>,
+        model: &Model<'_>,
+        observations: &[(u32, [f32; 2])],
+        rank: usize,
+        sd: f32,
+    ) -> Option<Self> {
+        let rows = carver.floats(rows_words(observations.len(), rank))?;
+        let rank = rank.min(model.shape.rank());
+        let plane = crate::basis::padded(model.vertices());
+        let mut observed = heapless::Vec::new();
+        for (row, &(vertex, position)) in rows.chunks_exact_mut(3 * (1 + rank)).zip(observations) {
+            let vertex = vertex as usize;
+            if vertex >= model.vertices() {
+                return None;
+            }
+            observed.push(position).ok()?;
+            for axis in 0..3 {
+                let entry = axis * plane + vertex;
+                row[axis] = model.shape.mean()[entry];
+                for k in 0..rank {
+                    row[3 * (1 + k) + axis] = model.shape.entry(entry, k);
+                }
+            }
+        }
+        Some(Self { rows, observed, rank, sd })
+    }
+
+    /// Positions of the landmarks in the model's frame, bit for bit those of the whole instance.
+    pub fn points(&self, coefficients: &[f32]) -> Points {
+        let mut points = Points::new();
+        for row in self.rows.chunks_exact(3 * (1 + self.rank)) {
+            let (first, rest) = row.split_at(3);
+            let mut p = [first[0], first[1], first[2]];
+            for (&c, column) in coefficients.iter().zip(rest.chunks_exact(3)) {
+                for axis in 0..3 {
+                    p[axis] += c * column[axis];
+                }
+            }
+            // As many as were gathered, at most the capacity.
+            let _ = points.push(p);
+        }
+        points
+    }
+
+    /// `Σ −log 2π − 2 log σ − ‖u − u_observed‖²/(2σ²)`; −∞ if a landmark is behind the camera.
+    pub fn ln_likelihood(&self, scene: &Scene, points: &Points) -> f64 {
+        let normaliser = -LN_2PI - 2.0 * math::ln(f64::from(self.sd));
+        let mut sum = 0.0;
+        for (distance2, in_front) in self.squared_errors(scene, points) {
+            if !in_front {
+                return f64::NEG_INFINITY;
+            }
+            sum += normaliser - distance2 / (2.0 * f64::from(self.sd) * f64::from(self.sd));
+        }
+        sum
+    }
+
+    /// Root mean square distance between model and observed landmarks, pixels.
+    pub fn rmse(&self, scene: &Scene, points: &Points) -> f64 {
+        let sum: f64 = self.squared_errors(scene, points).map(|(d2, _)| d2).sum();
+        math::sqrt_f64(sum / (self.observed.len().max(1) as f64))
+    }
+
+    fn squared_errors<'s>(
+        &'s self,
+        scene: &'s Scene,
+        points: &'s Points,
+    ) -> impl Iterator<Item = (f64, bool)> + 's {
+        let rotation = scene.pose.rotation();
+        points.iter().zip(&self.observed).map(move |(&p, observed)| {
+            let world = scene.pose.to_world_by(&rotation, p);
+            let (u, v, d) = scene.camera.project(world);
+            let (du, dv) = (f64::from(u - observed[0]), f64::from(v - observed[1]));
+            (du * du + dv * dv, d > scene.camera.near)
+        })
+    }
+}

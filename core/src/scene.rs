@@ -1,0 +1,232 @@
+//! Everything a fit infers: pose, camera, light, colour transform and model coefficients.
+//!
+//! Conventions (all right-handed, active rotations, column vectors, radians, millimetres):
+//! a model point `X` goes to the world by `X_w = Rz(roll)·Ry(yaw)·Rx(pitch)·(s·X) + t`; the
+//! camera sits at the origin of the world, looks down −z, y up. The picture's y axis points
+//! down, its origin is the centre of the top-left pixel's sample (pixel `(x, y)` samples the
+//! window point `(x, y)`, no half-pixel shift), the same coordinates landmarks use.
+
+use crate::math;
+use serde::{Deserialize, Serialize};
+
+/// The largest number of shape or of albedo coefficients a [`Scene`] carries.
+pub const MAX_RANK: usize = 200;
+
+/// Coefficients of one half of the model (shape or albedo), in standard deviations:
+/// their prior is `N(0, I)`.
+pub type Coefficients = heapless::Vec<f32, MAX_RANK>;
+
+/// Nine spherical-harmonics coefficients per colour channel, `[basis function][RGB]`.
+pub type Light = [[f32; 3]; 9];
+
+/// Pose of the object in the world (= camera) frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pose {
+    /// Uniform scale `s` of the model, applied before the rotation.
+    pub scale: f32,
+    /// Translation `t` in millimetres; `t[2]` is negative in front of the camera.
+    pub translation: [f32; 3],
+    /// Rotation about z, radians.
+    pub roll: f32,
+    /// Rotation about y, radians; positive yaw turns the subject's face towards +x.
+    pub yaw: f32,
+    /// Rotation about x, radians; positive pitch turns +y towards +z.
+    pub pitch: f32,
+}
+
+impl Pose {
+    /// One metre in front of the camera, upright, facing it.
+    pub const AWAY_1M: Self =
+        Self { scale: 1.0, translation: [0.0, 0.0, -1000.0], roll: 0.0, yaw: 0.0, pitch: 0.0 };
+
+    /// The rotation matrix `Rz(roll)·Ry(yaw)·Rx(pitch)`, row-major.
+    pub fn rotation(&self) -> [[f32; 3]; 3] {
+        let (sr, cr) = math::sin_cos(self.roll);
+        let (sy, cy) = math::sin_cos(self.yaw);
+        let (sp, cp) = math::sin_cos(self.pitch);
+        [
+            [cr * cy, cr * sy * sp - sr * cp, cr * sy * cp + sr * sp],
+            [sr * cy, sr * sy * sp + cr * cp, sr * sy * cp - cr * sp],
+            [-sy, cy * sp, cy * cp],
+        ]
+    }
+
+    /// Maps a model point to the world.
+    pub fn to_world(&self, point: [f32; 3]) -> [f32; 3] {
+        self.to_world_by(&self.rotation(), point)
+    }
+
+    /// [`Pose::to_world`] with the rotation already computed.
+    #[inline]
+    pub fn to_world_by(&self, r: &[[f32; 3]; 3], point: [f32; 3]) -> [f32; 3] {
+        let p = point.map(|c| c * self.scale);
+        let row = |i: usize| r[i][0] * p[0] + r[i][1] * p[1] + r[i][2] * p[2] + self.translation[i];
+        [row(0), row(1), row(2)]
+    }
+
+    /// Euler angles `(roll, yaw, pitch)` of a row-major rotation matrix (FACTS: pitch from
+    /// `r21, r22`, yaw from `−r20`, roll from `r10, r00`).
+    pub fn euler(r: &[[f32; 3]; 3]) -> (f32, f32, f32) {
+        let pitch = math::atan2(r[2][1], r[2][2]);
+        let yaw = math::atan2(-r[2][0], math::sqrt(r[2][1] * r[2][1] + r[2][2] * r[2][2]));
+        let roll = math::atan2(r[1][0], r[0][0]);
+        (roll, yaw, pitch)
+    }
+}
+
+/// Pinhole camera. Lengths share one unit (only ratios matter); the principal point is in
+/// normalised device coordinates, `[-1, 1]` across the picture, y up.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Focal length.
+    pub focal_length: f32,
+    /// Width and height of the sensor.
+    pub sensor: [f32; 2],
+    /// Where the optical axis meets the picture, NDC.
+    pub principal_point: [f32; 2],
+    /// Distance (mm) below which nothing is drawn.
+    pub near: f32,
+    /// Distance (mm) of the far plane; it only scales window depth in files.
+    pub far: f32,
+    /// Width and height of the picture in pixels.
+    pub image_size: [u32; 2],
+}
+
+impl Camera {
+    /// The reference engine's default (focal length 7.5 on a 2×2 sensor), fitted to a picture:
+    /// the shorter relation of the two sides keeps the 2-wide sensor, the other side's sensor
+    /// grows so that pixels stay square.
+    pub fn for_image(width: u32, height: u32) -> Self {
+        let (w, h) = (width.max(1) as f32, height.max(1) as f32);
+        let side = w.min(h);
+        Self {
+            focal_length: 7.5,
+            sensor: [2.0 * w / side, 2.0 * h / side],
+            principal_point: [0.0, 0.0],
+            near: 10.0,
+            far: 1e6,
+            image_size: [width, height],
+        }
+    }
+
+    /// Projects a point of the world to `(u, v, d)`: window pixels and the distance `d = −z`.
+    ///
+    /// `u = W/2·(x_ndc + 1)`, `v = H/2·(1 − y_ndc)`, `x_ndc = 2(f/s_x)·x/d + c_x`. A point at or
+    /// behind the camera's plane has no picture; its `d ≤ 0` says so.
+    pub fn project(&self, world: [f32; 3]) -> (f32, f32, f32) {
+        let p = self.pixel_scale();
+        let d = -world[2];
+        (p.focal[0] * world[0] / d + p.centre[0], p.centre[1] - p.focal[1] * world[1] / d, d)
+    }
+
+    /// Focal length and principal point in pixels.
+    pub fn pixel_scale(&self) -> PixelCamera {
+        let [w, h] = self.image_size.map(|side| side as f32);
+        PixelCamera {
+            focal: [w * self.focal_length / self.sensor[0], h * self.focal_length / self.sensor[1]],
+            centre: [
+                0.5 * w * (1.0 + self.principal_point[0]),
+                0.5 * h * (1.0 - self.principal_point[1]),
+            ],
+        }
+    }
+
+    /// Depth in window units `[0, 1]`, as the reference engine stores it:
+    /// `z_w = (A − B/d + 1)/2`, `A = (far+near)/(far−near)`, `B = 2·far·near/(far−near)`.
+    pub fn window_depth(&self, distance: f32) -> f32 {
+        let range = self.far - self.near;
+        let a = (self.far + self.near) / range;
+        let b = 2.0 * self.far * self.near / range;
+        0.5 * (a - b / distance + 1.0)
+    }
+}
+
+/// A camera in pixel units, see [`Camera::pixel_scale`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelCamera {
+    /// Focal length in pixels, per axis.
+    pub focal: [f32; 2],
+    /// Principal point in window pixels.
+    pub centre: [f32; 2],
+}
+
+/// Colour transform applied after shading: `out = gain ∘ (c·colour + (1−c)·lum) + offset`,
+/// `lum = 0.3 R + 0.59 G + 0.11 B`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ColorTransform {
+    /// Factor per channel.
+    pub gain: [f32; 3],
+    /// Contrast `c`: 1 keeps the colour, 0 leaves its luminance.
+    pub contrast: f32,
+    /// Added per channel.
+    pub offset: [f32; 3],
+}
+
+/// Luminance weights of the colour transform.
+pub const LUMINANCE: [f32; 3] = [0.3, 0.59, 0.11];
+
+impl ColorTransform {
+    /// Changes nothing.
+    pub const NEUTRAL: Self = Self { gain: [1.0; 3], contrast: 1.0, offset: [0.0; 3] };
+
+    /// Applies the transform to one colour.
+    pub fn apply(&self, color: [f32; 3]) -> [f32; 3] {
+        let lum = LUMINANCE[0] * color[0] + LUMINANCE[1] * color[1] + LUMINANCE[2] * color[2];
+        let grey = (1.0 - self.contrast) * lum;
+        let channel = |c: usize| self.gain[c] * (self.contrast * color[c] + grey) + self.offset[c];
+        [channel(0), channel(1), channel(2)]
+    }
+
+    /// The inverse transform; `None` where gain or contrast is zero and no inverse exists.
+    ///
+    /// The transform keeps luminance apart from gain and offset, so the inverse first undoes
+    /// these, then `(m − (1−c)·lum)/c`.
+    pub fn invert(&self, color: [f32; 3]) -> Option<[f32; 3]> {
+        if self.contrast == 0.0 || self.gain.contains(&0.0) {
+            return None;
+        }
+        let m = |c: usize| (color[c] - self.offset[c]) / self.gain[c];
+        let m = [m(0), m(1), m(2)];
+        let lum = LUMINANCE[0] * m[0] + LUMINANCE[1] * m[1] + LUMINANCE[2] * m[2];
+        Some(m.map(|v| (v - (1.0 - self.contrast) * lum) / self.contrast))
+    }
+}
+
+/// One hypothesis about the picture: the state of the Markov chain.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scene {
+    /// Where the object is.
+    pub pose: Pose,
+    /// What it is seen through.
+    pub camera: Camera,
+    /// What lights it.
+    pub light: Light,
+    /// What the camera did to the colours.
+    pub color: ColorTransform,
+    /// Shape coefficients.
+    pub shape: Coefficients,
+    /// Albedo coefficients.
+    pub albedo: Coefficients,
+}
+
+impl Scene {
+    /// The mean face of a model, one metre away under frontal light, in a picture of the given
+    /// size, with room for `shape_rank` and `albedo_rank` coefficients (each at most
+    /// [`MAX_RANK`]; larger counts are cut).
+    pub fn initial(width: u32, height: u32, shape_rank: usize, albedo_rank: usize) -> Self {
+        let zeros = |rank: usize| {
+            let mut v = Coefficients::new();
+            // Cannot fail: the length is cut to the capacity.
+            let _ = v.resize(rank.min(MAX_RANK), 0.0);
+            v
+        };
+        Self {
+            pose: Pose::AWAY_1M,
+            camera: Camera::for_image(width, height),
+            light: crate::light::frontal(),
+            color: ColorTransform::NEUTRAL,
+            shape: zeros(shape_rank),
+            albedo: zeros(albedo_rank),
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! How much memory a chain needs, and how one slice is carved into its buffers.
+
+use crate::basis::{field_len, padded};
+use crate::likelihood::background::HISTOGRAM_LEN;
+use crate::likelihood::{landmarks, pixels};
+use crate::mesh::sums_len;
+use crate::render::rasterize::frame_words;
+
+/// The sizes that determine a chain's memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dimensions {
+    /// Vertices of the model.
+    pub vertices: usize,
+    /// Shape coefficients to infer.
+    pub shape_rank: usize,
+    /// Observed landmarks.
+    pub landmarks: usize,
+    /// Columns of the picture.
+    pub width: usize,
+    /// Rows of the picture.
+    pub height: usize,
+}
+
+impl Dimensions {
+    /// Words (`u32`) of memory [`Chain::new`](crate::chain::Chain::new) takes.
+    ///
+    /// Two slots (the current and the proposed state's) of positions, normals, albedo, window
+    /// coordinates, colours and fragments; one depth frame; the target picture; the landmarks'
+    /// rows of the basis.
+    pub const fn words(&self) -> usize {
+        let slots = 3 * field_len(self.vertices)
+            + 2 * 4 * padded(self.vertices)
+            + pixels::fragments_words(self.width, self.height);
+        let target = pixels::target_words(self.width, self.height);
+        let rest = 2 * slots
+            + 4 * sums_len(self.vertices)
+            + frame_words(self.width, self.height)
+            + landmarks::rows_words(self.landmarks, self.shape_rank);
+        // The background histogram is needed once, before the rest is.
+        target + if rest > HISTOGRAM_LEN { rest } else { HISTOGRAM_LEN }
+    }
+}
+
+/// Splits typed buffers off one slice of words.
+pub struct Carver<'w> {
+    rest: &'w mut [u32],
+}
+
+impl<'w> Carver<'w> {
+    /// Starts at the front of `memory`.
+    pub fn new(memory: &'w mut [u32]) -> Self {
+        Self { rest: memory }
+    }
+
+    /// The next `count` words; `None` if fewer are left.
+    pub fn words(&mut self, count: usize) -> Option<&'w mut [u32]> {
+        let (taken, rest) = core::mem::take(&mut self.rest).split_at_mut_checked(count)?;
+        self.rest = rest;
+        Some(taken)
+    }
+
+    /// A look at the next `count` words without taking them: memory for a passing need.
+    pub fn scratch(&mut self, count: usize) -> Option<&mut [u32]> {
+        self.rest.get_mut(..count)
+    }
+
+    /// The next `count` numbers.
+    pub fn floats(&mut self, count: usize) -> Option<&'w mut [f32]> {
+        Some(bytemuck::cast_slice_mut(self.words(count)?))
+    }
+
+    /// The next `count` pairs of numbers.
+    pub fn pairs(&mut self, count: usize) -> Option<&'w mut [[f32; 2]]> {
+        Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(2)?)?))
+    }
+
+    /// The next `count` quadruples of numbers.
+    pub fn quads(&mut self, count: usize) -> Option<&'w mut [[f32; 4]]> {
+        Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(4)?)?))
+    }
+
+    /// The next `count` quadruples of words.
+    pub fn word_quads(&mut self, count: usize) -> Option<&'w mut [[u32; 4]]> {
+        Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(4)?)?))
+    }
+}
+
+/// Two buffers of one kind: the current state's and the one a proposal is computed in.
+/// Accepting swaps them; rejecting costs nothing.
+pub(crate) struct Slots<T> {
+    pair: [T; 2],
+    current: usize,
+}
+
+impl<T> Slots<T> {
+    pub(crate) fn new(a: T, b: T) -> Self {
+        Self { pair: [a, b], current: 0 }
+    }
+
+    /// The current buffer.
+    pub(crate) fn get(&self) -> &T {
+        &self.pair[self.current]
+    }
+
+    /// The current buffer, or the other one if `proposed`.
+    pub(crate) fn pick(&self, proposed: bool) -> &T {
+        &self.pair[self.current ^ usize::from(proposed)]
+    }
+
+    /// The buffer to compute a proposal in.
+    pub(crate) fn spare(&mut self) -> &mut T {
+        &mut self.pair[self.current ^ 1]
+    }
+
+    /// Makes the spare the current one.
+    pub(crate) fn flip(&mut self) {
+        self.current ^= 1;
+    }
+}
