@@ -74,16 +74,6 @@ impl<'a> Basis<'a> {
         }
     }
 
-    /// The naive twin of [`Basis::instance`]: entry by entry.
-    pub fn instance_naive(&self, coefficients: &[f32], field: &mut [f32]) {
-        for (entry, out) in field.iter_mut().enumerate() {
-            *out = self.mean()[entry];
-            for (k, c) in coefficients.iter().enumerate().take(self.rank()) {
-                *out += c * self.entry(entry, k);
-            }
-        }
-    }
-
     /// Component `k` at one field entry, scaled by its standard deviation.
     ///
     /// # Panics

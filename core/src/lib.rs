@@ -12,6 +12,7 @@
 //! | hypothesis → next hypothesis | [`proposal`], [`rng`] |
 //! | Metropolis–Hastings, filters, stages | [`chain`] |
 //! | memory for all of it | [`workspace`] |
+//! | oracles for the tests | [`naive`] |
 //!
 //! # Contract
 //! No heap, no `unsafe`, no clock, no files: the caller owns all memory and drives the chain one
@@ -36,6 +37,7 @@ pub mod likelihood;
 pub mod math;
 pub mod mesh;
 pub mod model;
+pub mod naive;
 pub mod proposal;
 pub mod render;
 pub mod rng;

@@ -1,6 +1,7 @@
 //! How much memory a chain needs, and how one slice is carved into its buffers.
 
 use crate::basis::{field_len, padded};
+use crate::chain::search_words;
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::{landmarks, pixels};
 use crate::mesh::sums_len;
@@ -13,6 +14,8 @@ pub struct Dimensions {
     pub vertices: usize,
     /// Shape coefficients to infer.
     pub shape_rank: usize,
+    /// Albedo coefficients to infer.
+    pub albedo_rank: usize,
     /// Observed landmarks.
     pub landmarks: usize,
     /// Columns of the picture.
@@ -26,7 +29,7 @@ impl Dimensions {
     ///
     /// Two slots (the current and the proposed state's) of positions, normals, albedo, window
     /// coordinates, colours and fragments; one depth frame; the target picture; the landmarks'
-    /// rows of the basis.
+    /// rows of the basis; the search moves' normal equations.
     pub const fn words(&self) -> usize {
         let slots = 3 * field_len(self.vertices)
             + 2 * 4 * padded(self.vertices)
@@ -35,7 +38,8 @@ impl Dimensions {
         let rest = 2 * slots
             + 4 * sums_len(self.vertices)
             + frame_words(self.width, self.height)
-            + landmarks::rows_words(self.landmarks, self.shape_rank);
+            + landmarks::rows_words(self.landmarks, self.shape_rank)
+            + search_words(self.shape_rank, self.albedo_rank);
         // The background histogram is needed once, before the rest is.
         target + if rest > HISTOGRAM_LEN { rest } else { HISTOGRAM_LEN }
     }

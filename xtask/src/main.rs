@@ -1,2 +1,97 @@
-//! Developer commands, `cargo xtask help`.
-fn main() {}
+//! Developer commands: `cargo xtask help`.
+
+mod bench;
+mod determinism;
+mod fuzz;
+mod golden;
+mod no_std;
+mod shell;
+mod synthetic;
+mod test;
+
+use std::process::ExitCode;
+
+/// What a command comes to; an error is what a person reads last.
+type Outcome = Result<(), String>;
+
+struct Command {
+    name: &'static str,
+    usage: &'static str,
+    about: &'static str,
+    run: fn(&[String]) -> Outcome,
+}
+
+const COMMANDS: &[Command] = &[
+    Command {
+        name: "test",
+        usage: "test",
+        about: "everything that must hold, in order, to the first failure; what CI runs",
+        run: test::run,
+    },
+    Command {
+        name: "no-std",
+        usage: "no-std",
+        about: "the core needs neither std nor a heap, and computes with its own maths",
+        run: no_std::run,
+    },
+    Command {
+        name: "determinism",
+        usage: "determinism",
+        about: "one small fit by debug, release and native builds: equal fingerprints",
+        run: determinism::run,
+    },
+    Command {
+        name: "golden",
+        usage: "golden [--model]",
+        about: "makes fixtures/golden anew; --model its model too",
+        run: golden::run,
+    },
+    Command {
+        name: "synthetic",
+        usage: "synthetic",
+        about: "fits faces of known truth and rewrites the table in docs/synthetic.md",
+        run: synthetic::run,
+    },
+    Command {
+        name: "bench",
+        usage: "bench",
+        about: "criterion's benchmarks of each stage, then onescan bench",
+        run: bench::run,
+    },
+    Command {
+        name: "fuzz",
+        usage: "fuzz [SECONDS=60] [TARGET…]",
+        about: "runs the fuzz targets, each so long; needs nightly",
+        run: fuzz::run,
+    },
+];
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let name = arguments.first().map_or("help", String::as_str);
+    if ["help", "--help", "-h"].contains(&name) {
+        for Command { usage, about, .. } in COMMANDS {
+            println!("cargo xtask {usage:28} {about}");
+        }
+        return ExitCode::SUCCESS;
+    }
+    let Some(command) = COMMANDS.iter().find(|command| command.name == name) else {
+        eprintln!("xtask: no command {name}; cargo xtask help lists them");
+        return ExitCode::from(2);
+    };
+    match (command.run)(&arguments[1..]) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("xtask {name}: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Refuses arguments where a command takes none.
+fn no_arguments(arguments: &[String]) -> Outcome {
+    match arguments.first() {
+        None => Ok(()),
+        Some(argument) => Err(format!("unexpected argument {argument}")),
+    }
+}

@@ -8,6 +8,7 @@
 //! cost a rendering. The correction of the proposal density belongs to the first test.
 
 mod pipeline;
+mod refine;
 
 use crate::hash::Fnv64;
 use crate::likelihood::landmarks::{Landmarks, MAX_LANDMARKS, Points};
@@ -16,10 +17,13 @@ use crate::math;
 use crate::model::Model;
 use crate::proposal::{self, Branch, CENTRES, MAX_LEAVES, Part, Surroundings, Table, Touched};
 use crate::rng::Rng;
-use crate::scene::{Light, MAX_RANK, Scene};
+use crate::scene::{MAX_RANK, Scene};
 use crate::workspace::{Carver, Dimensions};
 use core::fmt;
 use pipeline::Pipeline;
+pub(crate) use pipeline::search_words;
+use refine::Constraints;
+pub(crate) use refine::LandmarkSample;
 use serde::{Deserialize, Serialize};
 
 /// An 8-bit RGB picture, row by row from the top.
@@ -57,10 +61,22 @@ pub struct Config {
     pub landmark_sd: f32,
     /// Standard deviation of a pixel's colour channel.
     pub pixel_sd: f32,
+    /// Pixels that share one independent error: the image likelihood is raised to the power
+    /// `1/pixel_patch`. What a model cannot explain (a wrinkle, a highlight) is wrong in a whole
+    /// patch of the picture; counted pixel by pixel (1, as the reference engine does) it would
+    /// overrule the prior and be explained by a wrong shape.
+    pub pixel_patch: f32,
     /// Priors on pose, camera and colour.
     pub prior: Prior,
     /// Whether search moves are used. Without them the image stage is a sampler of its target.
     pub search: bool,
+}
+
+impl Config {
+    /// Steps of both stages.
+    pub fn steps(&self) -> u64 {
+        u64::from(self.landmark_samples) + u64::from(self.samples)
+    }
 }
 
 impl Default for Config {
@@ -73,6 +89,7 @@ impl Default for Config {
             samples: 5000,
             landmark_sd: 4.0,
             pixel_sd: 0.043,
+            pixel_patch: 50.0,
             prior: Prior::default(),
             search: true,
         }
@@ -98,6 +115,7 @@ impl Problem<'_> {
         Dimensions {
             vertices: self.model.vertices(),
             shape_rank: self.config.shape_rank.min(self.model.shape.rank()),
+            albedo_rank: self.config.albedo_rank.min(self.model.albedo.rank()),
             landmarks: self.landmarks.len(),
             width: self.image.width as usize,
             height: self.image.height as usize,
@@ -207,8 +225,8 @@ pub struct Density {
 
 impl Density {
     /// Log density of the chain's target, up to a constant.
-    pub fn posterior(&self) -> f64 {
-        self.landmarks + self.prior + self.image
+    pub fn posterior(&self, config: &Config) -> f64 {
+        self.landmarks + self.prior + self.image / f64::from(config.pixel_patch)
     }
 }
 
@@ -366,6 +384,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         let sds = [
             config.landmark_sd,
             config.pixel_sd,
+            config.pixel_patch,
             prior.distance,
             prior.distance_sd,
             prior.principal_point_sd,
@@ -451,14 +470,16 @@ impl<'a, 'w> Chain<'a, 'w> {
         let branch = self.tables[stage as usize].branches()[branch];
         let current = &self.progress.state;
         let mut scene = current.scene.clone();
-        let surroundings = Around {
+        let mut surroundings = Around {
             centres: &self.centres,
             points: &self.points,
-            pipeline: &self.pipeline,
-            scene: &current.scene,
+            problem: self.problem,
+            landmarks: &self.landmarks,
+            pipeline: &mut self.pipeline,
         };
         let rng = &mut self.progress.rng;
-        let Some(correction) = proposal::propose(&branch, &mut scene, rng, &surroundings) else {
+        let proposal = proposal::propose(&branch, &mut scene, rng, &mut surroundings);
+        let Some(correction) = proposal else {
             return Outcome::Failed;
         };
         let touched = branch.kind.touches();
@@ -482,7 +503,8 @@ impl<'a, 'w> Chain<'a, 'w> {
         }
         if stage == Stage::Image {
             // The threshold is drawn first, so that a hopeless proposal can be given up midway.
-            let floor = current.density.image + math::ln(rng.uniform());
+            let patch = f64::from(self.problem.config.pixel_patch);
+            let floor = current.density.image + patch * math::ln(rng.uniform());
             self.progress.image_evaluated += 1;
             let Problem { model, config, .. } = self.problem;
             self.pipeline.update(model, &scene, touched, config.pixel_sd);
@@ -504,7 +526,8 @@ impl<'a, 'w> Chain<'a, 'w> {
     fn record(&mut self) {
         let progress = &mut self.progress;
         hash_scene(&mut progress.fingerprint, &progress.state.scene);
-        if progress.state.density.posterior() > progress.best.density.posterior() {
+        let posterior = |state: &State| state.density.posterior(self.problem.config);
+        if posterior(&progress.state) > posterior(&progress.best) {
             progress.best.clone_from(&progress.state);
         }
     }
@@ -618,19 +641,41 @@ fn hash_scene(hash: &mut Fnv64, scene: &Scene) {
 }
 
 /// What the moves see of the chain.
-struct Around<'s, 'w> {
+struct Around<'s, 'a, 'w> {
     centres: &'s [Option<usize>; CENTRES.len()],
     points: &'s Points,
-    pipeline: &'s Pipeline<'w>,
-    scene: &'s Scene,
+    problem: Problem<'a>,
+    landmarks: &'s Landmarks<'w>,
+    pipeline: &'s mut Pipeline<'w>,
 }
 
-impl Surroundings for Around<'_, '_> {
+impl Surroundings for Around<'_, '_, '_> {
     fn centre(&self, index: usize) -> Option<[f32; 3]> {
         self.points.get((*self.centres.get(index)?)?).copied()
     }
 
-    fn solve_light(&self, points: u32, rng: &mut Rng) -> Option<Light> {
-        self.pipeline.solve_light(self.scene, points, rng)
+    fn solve_light(&mut self, scene: &mut Scene, points: u32, rng: &mut Rng) -> Option<()> {
+        scene.light = self.pipeline.solve_light(scene, points, rng)?;
+        Some(())
+    }
+
+    fn refine(&mut self, scene: &mut Scene, part: Part, points: u32, rng: &mut Rng) -> Option<()> {
+        let Problem { model, config, .. } = self.problem;
+        let how = (points, rng.uniform() as f32);
+        // What the linearised pixels' inverse variance amounts to.
+        let sd = config.pixel_sd * math::sqrt(config.pixel_patch);
+        match part {
+            Part::Albedo => self.pipeline.refine_albedo(model, scene, how, sd, rng),
+            Part::Shape => {
+                let samples: heapless::Vec<LandmarkSample, MAX_LANDMARKS> =
+                    self.landmarks.samples(scene, self.points).collect();
+                let constraints = Constraints {
+                    landmarks: &samples,
+                    landmark_sd: config.landmark_sd,
+                    prior: &config.prior,
+                };
+                self.pipeline.refine_shape(model, scene, how, sd, &constraints, rng)
+            }
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Landmark likelihood: isotropic Gaussian error in the picture.
 
 use super::LN_2PI;
+use crate::chain::LandmarkSample;
 use crate::math;
 use crate::model::Model;
 use crate::scene::Scene;
@@ -22,7 +23,8 @@ pub const fn rows_words(landmarks: usize, shape_rank: usize) -> usize {
 pub struct Landmarks<'w> {
     /// Per landmark: mean x y z, then x y z of each component.
     rows: &'w mut [f32],
-    observed: heapless::Vec<[f32; 2], MAX_LANDMARKS>,
+    /// Vertex and observed position.
+    observed: heapless::Vec<(usize, [f32; 2]), MAX_LANDMARKS>,
     rank: usize,
     sd: f32,
 }
@@ -46,7 +48,7 @@ impl<'w> Landmarks<'w> {
             if vertex >= model.vertices() {
                 return None;
             }
-            observed.push(position).ok()?;
+            observed.push((vertex, position)).ok()?;
             for axis in 0..3 {
                 let entry = axis * plane + vertex;
                 row[axis] = model.shape.mean()[entry];
@@ -100,11 +102,23 @@ impl<'w> Landmarks<'w> {
         points: &'s Points,
     ) -> impl Iterator<Item = (f64, bool)> + 's {
         let rotation = scene.pose.rotation();
-        points.iter().zip(&self.observed).map(move |(&p, observed)| {
+        points.iter().zip(&self.observed).map(move |(&p, (_, observed))| {
             let world = scene.pose.to_world_by(&rotation, p);
             let (u, v, d) = scene.camera.project(world);
             let (du, dv) = (f64::from(u - observed[0]), f64::from(v - observed[1]));
             (du * du + dv * dv, d > scene.camera.near)
+        })
+    }
+
+    /// The landmarks as equations for the search moves, given their model-frame positions.
+    pub(crate) fn samples(
+        &self,
+        scene: &Scene,
+        points: &Points,
+    ) -> impl Iterator<Item = LandmarkSample> {
+        points.iter().zip(&self.observed).map(|(&point, &(vertex, observed))| {
+            let (u, v, _) = scene.camera.project(scene.pose.to_world(point));
+            LandmarkSample { point, vertex, residual: [observed[0] - u, observed[1] - v] }
         })
     }
 }

@@ -121,13 +121,21 @@ pub enum Move {
         /// Visible surface points to use.
         points: u32,
     },
+    /// Goes a random part of a Gauss–Newton step of the coefficients (and with the shape the
+    /// pose) towards the picture. A search move.
+    Refine {
+        /// Which coefficients.
+        part: Part,
+        /// Visible vertices to use.
+        points: u32,
+    },
 }
 
 impl Move {
     /// Whether the move optimises: it finds good states quickly, but it is not reversible and a
     /// chain that uses it is no sampler.
     pub fn is_search(&self) -> bool {
-        matches!(self, Self::SolveLight { .. })
+        matches!(self, Self::SolveLight { .. } | Self::Refine { .. })
     }
 
     /// The coefficients the move changes, if any.
@@ -135,7 +143,8 @@ impl Move {
         match *self {
             Self::Gaussian { part, .. }
             | Self::Single { part, .. }
-            | Self::Caricature { part, .. } => Some(part),
+            | Self::Caricature { part, .. }
+            | Self::Refine { part, .. } => Some(part),
             _ => None,
         }
     }
@@ -263,6 +272,7 @@ macro_rules! coefficients {
             (0.5, Leaf($name, Move::Gaussian { part: $part, sd: 0.1 })),
             (0.2, Leaf($name, Move::Gaussian { part: $part, sd: 0.025 })),
             (0.2, Leaf(concat!($name, " caricature"), Move::Caricature { part: $part, sd: 0.2 })),
+            (0.15, Leaf(concat!($name, " refine"), Move::Refine { part: $part, points: 1000 })),
         ])
     };
 }
@@ -386,8 +396,13 @@ pub trait Surroundings {
     /// Model-frame position of the landmark a move is centred on.
     fn centre(&self, index: usize) -> Option<[f32; 3]>;
 
-    /// Closed-form light from `points` visible surface points of the current state.
-    fn solve_light(&self, points: u32, rng: &mut Rng) -> Option<crate::scene::Light>;
+    /// Replaces the light of `scene`, the current state, by the closed-form light from `points`
+    /// visible surface points. `None` if there is none.
+    fn solve_light(&mut self, scene: &mut Scene, points: u32, rng: &mut Rng) -> Option<()>;
+
+    /// Moves the coefficients (and the pose) of `scene`, the current state, by part of a
+    /// Gauss–Newton step from `points` visible vertices. `None` if there is none.
+    fn refine(&mut self, scene: &mut Scene, part: Part, points: u32, rng: &mut Rng) -> Option<()>;
 }
 
 /// Applies a leaf to the scene. Returns the log ratio described at the top of this module, or
@@ -397,7 +412,7 @@ pub fn propose(
     branch: &Branch,
     scene: &mut Scene,
     rng: &mut Rng,
-    surroundings: &impl Surroundings,
+    surroundings: &mut impl Surroundings,
 ) -> Option<f64> {
     let Some(centre) = branch.centre else {
         return apply(branch.kind, scene, rng, surroundings);
@@ -423,7 +438,7 @@ fn apply(
     kind: Move,
     scene: &mut Scene,
     rng: &mut Rng,
-    surroundings: &impl Surroundings,
+    surroundings: &mut impl Surroundings,
 ) -> Option<f64> {
     match kind {
         Move::Rotation { axis, sd } => pose::rotate(&mut scene.pose, axis, rng.normal_sd(sd)),
@@ -451,7 +466,11 @@ fn apply(
         Move::LightPerturbation { sd } => light::perturb(&mut scene.light, sd, rng),
         Move::LightColor { sd } => light::tint(&mut scene.light, sd, rng),
         Move::SolveLight { points } => {
-            scene.light = surroundings.solve_light(points, rng)?;
+            surroundings.solve_light(scene, points, rng)?;
+            Some(0.0)
+        }
+        Move::Refine { part, points } => {
+            surroundings.refine(scene, part, points, rng)?;
             Some(0.0)
         }
     }

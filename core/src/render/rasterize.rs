@@ -103,7 +103,8 @@ pub fn rasterize(triangles: Triangles<'_>, window: &[[f32; 4]], frame: &mut Fram
 }
 
 fn draw<I: Index>(triangles: &[[I; 3]], window: &[[f32; 4]], frame: &mut Frame<'_>) {
-    let (right, bottom) = ((frame.width - 1) as i32, (frame.height - 1) as i32);
+    let last = |side: usize| i32::try_from(side - 1).unwrap_or(i32::MAX);
+    let (right, bottom) = (last(frame.width), last(frame.height));
     for (id, triangle) in triangles.iter().enumerate() {
         let [p, q, r] = triangle.map(|corner| window[corner.index()]);
         // Twice the signed area, y down: negative is counter-clockwise for a viewer, a front face.

@@ -1,0 +1,344 @@
+//! Gauss–Newton search moves: linearise the picture at visible vertices, solve, go part of the way.
+//!
+//! Random walks need tens of thousands of steps to bring a hundred coefficients to a picture;
+//! these moves point them. Both minimise the negative log target with everything else held:
+//!
+//! * albedo and light: colours are linear in either, so the step ends near the optimum of the
+//!   sampled vertices;
+//! * shape and pose: vertices move in the picture, `I(u + U δ) ≈ I(u) + ∇I·U δ` is to match the
+//!   vertex's colour; landmarks add their rows.
+//!
+//! The step is scaled by a random factor and judged by the chain's tests like any proposal.
+
+use crate::basis::{Basis, padded};
+use crate::light::color_matrix;
+use crate::likelihood::prior::Prior;
+use crate::scene::{PixelCamera, Pose, Scene};
+
+/// Pose parameters refined together with the shape: rotation vector, translation in x and y, and
+/// the logarithms of the focal length and of the distance at constant size.
+const POSE_PARAMETERS: usize = 7;
+/// Light parameters refined together with the albedo.
+const LIGHT_PARAMETERS: usize = 27;
+
+/// Unknowns of the larger of the two systems.
+pub(super) const fn unknowns(shape_rank: usize, albedo_rank: usize) -> usize {
+    let (shape, albedo) = (shape_rank + POSE_PARAMETERS, albedo_rank + LIGHT_PARAMETERS);
+    if shape > albedo { shape } else { albedo }
+}
+
+/// Words of memory [`System`] needs for `n` unknowns.
+pub(super) const fn system_words(n: usize) -> usize {
+    n * n + 3 * n
+}
+
+/// Normal equations `A δ = b` in the caller's memory.
+pub(super) struct System<'s> {
+    n: usize,
+    /// Row-major; only the lower triangle (`j ≤ i`) is kept up.
+    a: &'s mut [f32],
+    b: &'s mut [f32],
+    /// Two rows of a Jacobian.
+    rows: [&'s mut [f32]; 2],
+}
+
+impl<'s> System<'s> {
+    /// An empty system of `n` unknowns; `None` if the memory is shorter than [`system_words`].
+    pub(super) fn new(n: usize, memory: &'s mut [f32]) -> Option<Self> {
+        let memory = memory.get_mut(..system_words(n))?;
+        memory.fill(0.0);
+        let (a, rest) = memory.split_at_mut(n * n);
+        let (b, rest) = rest.split_at_mut(n);
+        let (first, second) = rest.split_at_mut(n);
+        Some(Self { n, a, b, rows: [first, second] })
+    }
+
+    /// Adds a quadratic penalty `½ w (x + δ_i)²` on one unknown.
+    fn pull(&mut self, i: usize, weight: f32, x: f32) {
+        self.a[i * self.n + i] += weight;
+        self.b[i] -= weight * x;
+    }
+
+    /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
+    fn add(&mut self, which: usize, weight: f32, residual: f32) {
+        let row = &*self.rows[which];
+        for (i, (&r, a)) in row.iter().zip(self.a.chunks_exact_mut(self.n)).enumerate() {
+            let k = weight * r;
+            for (a, &r) in a[..=i].iter_mut().zip(row) {
+                *a += k * r;
+            }
+            self.b[i] += k * residual;
+        }
+    }
+
+    /// Solves by Cholesky's method, in place; `None` if the matrix is not positive definite.
+    fn solve(&mut self) -> Option<&[f32]> {
+        let n = self.n;
+        for i in 0..n {
+            for j in 0..=i {
+                let (before, row) = self.a.split_at(i * n);
+                let other = if i == j { row } else { &before[j * n..] };
+                let dot: f32 = row[..j].iter().zip(&other[..j]).map(|(x, y)| x * y).sum();
+                let rest = self.a[i * n + j] - dot;
+                self.a[i * n + j] = if i == j {
+                    if !(rest > 0.0) {
+                        return None;
+                    }
+                    crate::math::sqrt(rest)
+                } else {
+                    rest / self.a[j * n + j]
+                };
+            }
+        }
+        for i in 0..n {
+            let dot: f32 = (0..i).map(|j| self.a[i * n + j] * self.b[j]).sum();
+            self.b[i] = (self.b[i] - dot) / self.a[i * n + i];
+        }
+        for i in (0..n).rev() {
+            let dot: f32 = (i + 1..n).map(|j| self.a[j * n + i] * self.b[j]).sum();
+            self.b[i] = (self.b[i] - dot) / self.a[i * n + i];
+        }
+        self.b.iter().all(|x| x.is_finite()).then_some(self.b)
+    }
+}
+
+/// A visible vertex and what the picture shows there.
+pub(super) struct Sample {
+    /// The vertex.
+    pub(super) vertex: usize,
+    /// Picture minus model colour.
+    pub(super) residual: [f32; 3],
+    /// Change of the picture's colour per pixel to the right, and down.
+    pub(super) gradient: [[f32; 3]; 2],
+    /// Albedo of the vertex.
+    pub(super) albedo: [f32; 3],
+    /// Radiance at the vertex.
+    pub(super) radiance: [f32; 3],
+    /// `k∘Y` of its normal, see [`crate::light::basis`].
+    pub(super) harmonics: [f32; 9],
+}
+
+/// Solves for albedo coefficients and light together: brightness that the albedo's prior dislikes
+/// goes to the light. `samples` are weighted by `weight` (inverse variance); the step goes
+/// `fraction` of the way.
+pub(super) fn albedo(
+    basis: &Basis<'_>,
+    scene: &mut Scene,
+    samples: impl Iterator<Item = Sample>,
+    (weight, fraction): (f32, f32),
+    memory: &mut [f32],
+) -> Option<()> {
+    let rank = scene.albedo.len();
+    let mut system = System::new(rank + LIGHT_PARAMETERS, memory)?;
+    let plane = padded(basis.mean().len() / 3);
+    let mix = color_matrix(&scene.color);
+    for sample in samples {
+        for (mix, residual) in mix.iter().zip(sample.residual) {
+            let (coefficients, light) = system.rows[0].split_at_mut(rank);
+            let shading: [f32; 3] = core::array::from_fn(|c| mix[c] * sample.radiance[c]);
+            for (k, out) in coefficients.iter_mut().enumerate() {
+                let b = |c: usize| basis.entry(c * plane + sample.vertex, k);
+                *out = shading[0] * b(0) + shading[1] * b(1) + shading[2] * b(2);
+            }
+            for (out, y) in light.chunks_exact_mut(3).zip(sample.harmonics) {
+                for c in 0..3 {
+                    out[c] = mix[c] * sample.albedo[c] * y;
+                }
+            }
+            system.add(0, weight, residual);
+        }
+    }
+    for (k, &c) in scene.albedo.iter().enumerate() {
+        system.pull(k, 1.0, c);
+    }
+    for i in 0..LIGHT_PARAMETERS {
+        // Damping only, where no normal points.
+        system.pull(rank + i, 1.0, 0.0);
+    }
+    let (coefficients, light) = system.solve()?.split_at(rank);
+    for (c, delta) in scene.albedo.iter_mut().zip(coefficients) {
+        *c += fraction * delta;
+    }
+    for (l, delta) in scene.light.iter_mut().flatten().zip(light) {
+        *l += fraction * delta;
+    }
+    Some(())
+}
+
+/// Geometry of a scene, for derivatives of window coordinates.
+pub(super) struct View {
+    rotation: [[f32; 3]; 3],
+    pose: Pose,
+    pixel: PixelCamera,
+}
+
+impl View {
+    pub(super) fn new(scene: &Scene) -> Self {
+        Self {
+            rotation: scene.pose.rotation(),
+            pose: scene.pose,
+            pixel: scene.camera.pixel_scale(),
+        }
+    }
+
+    /// Window coordinates of a model point.
+    pub(super) fn window(&self, p: [f32; 3]) -> [f32; 2] {
+        let [x, y, z] = self.pose.to_world_by(&self.rotation, p);
+        [
+            self.pixel.centre[0] - self.pixel.focal[0] * x / z,
+            self.pixel.centre[1] + self.pixel.focal[1] * y / z,
+        ]
+    }
+
+    /// Fills two rows with the derivatives of `u` and `v` of a model point: first the shape
+    /// coefficients, whose basis at the point is `basis(k)`, then the pose parameters.
+    fn derivatives(
+        &self,
+        p: [f32; 3],
+        basis: impl Fn(usize) -> [f32; 3],
+        [du, dv]: [&mut [f32]; 2],
+    ) {
+        let [x, y, z] = self.pose.to_world_by(&self.rotation, p);
+        let [fx, fy] = self.pixel.focal;
+        // u = c − f x / z, v = c + f y / z.
+        let gu = [-fx / z, 0.0, fx * x / (z * z)];
+        let gv = [0.0, fy / z, -fy * y / (z * z)];
+        let rank = du.len() - POSE_PARAMETERS;
+        let s = self.pose.scale;
+        let turn = |g: [f32; 3]| {
+            let r = &self.rotation;
+            [0, 1, 2].map(|j| s * (g[0] * r[0][j] + g[1] * r[1][j] + g[2] * r[2][j]))
+        };
+        let (mu, mv) = (turn(gu), turn(gv));
+        for k in 0..rank {
+            let b = basis(k);
+            du[k] = mu[0] * b[0] + mu[1] * b[1] + mu[2] * b[2];
+            dv[k] = mv[0] * b[0] + mv[1] * b[1] + mv[2] * b[2];
+        }
+        // Rotation about the object's origin: dX = ω × (X − t), so g·dX = ω·((X − t) × g).
+        let t = self.pose.translation;
+        let q = [x - t[0], y - t[1], z - t[2]];
+        let arm = |g: [f32; 3]| {
+            [q[1] * g[2] - q[2] * g[1], q[2] * g[0] - q[0] * g[2], q[0] * g[1] - q[1] * g[0]]
+        };
+        for (row, g, scaling) in [(du, gu, -fx * x / z), (dv, gv, fy * y / z)] {
+            let w = arm(g);
+            // The object recedes by eᶻ and the focal length grows with it.
+            let distance = g[2] * t[2] + scaling;
+            row[rank..].copy_from_slice(&[w[0], w[1], w[2], g[0], g[1], scaling, distance]);
+        }
+    }
+}
+
+/// An observed landmark: model point, vertex, and observed minus model position.
+pub(crate) struct LandmarkSample {
+    /// Model-frame position.
+    pub(crate) point: [f32; 3],
+    /// The vertex.
+    pub(crate) vertex: usize,
+    /// Window pixels.
+    pub(crate) residual: [f32; 2],
+}
+
+/// Landmarks and what the search for the shape needs besides the picture.
+pub(super) struct Constraints<'s> {
+    /// The observed landmarks.
+    pub(super) landmarks: &'s [LandmarkSample],
+    /// Their standard deviation, pixels.
+    pub(super) landmark_sd: f32,
+    /// The prior of the distance.
+    pub(super) prior: &'s Prior,
+}
+
+/// Solves for shape coefficients and pose; `positions` gives a vertex of the current state.
+pub(super) fn shape(
+    basis: &Basis<'_>,
+    scene: &mut Scene,
+    positions: impl Fn(usize) -> [f32; 3],
+    samples: impl Iterator<Item = Sample>,
+    (weight, fraction): (f32, f32),
+    constraints: &Constraints<'_>,
+    memory: &mut [f32],
+) -> Option<()> {
+    let rank = scene.shape.len();
+    let mut system = System::new(rank + POSE_PARAMETERS, memory)?;
+    let plane = padded(basis.mean().len() / 3);
+    let view = View::new(scene);
+    let at =
+        |vertex: usize| move |k: usize| [0, 1, 2].map(|axis| basis.entry(axis * plane + vertex, k));
+    for sample in samples {
+        let [du, dv] = &mut system.rows;
+        view.derivatives(positions(sample.vertex), at(sample.vertex), [du, dv]);
+        // Three channels, two directions: G = Σ g gᵀ = L Lᵀ gives two equations instead of three.
+        let [gx, gy] = sample.gradient;
+        let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let (xx, xy, yy) = (dot(gx, gx), dot(gx, gy), dot(gy, gy));
+        // The model's colour stays with the vertex: moving it by δ changes the picture's by ∇I δ.
+        let (rx, ry) = (-dot(gx, sample.residual), -dot(gy, sample.residual));
+        let l0 = crate::math::sqrt(xx);
+        if !(l0 > 1e-4) {
+            continue;
+        }
+        let l1 = xy / l0;
+        let l2 = crate::math::sqrt((yy - l1 * l1).max(0.0));
+        let [du, dv] = &mut system.rows;
+        for (u, v) in du.iter_mut().zip(dv.iter_mut()) {
+            *u = l0 * *u + l1 * *v;
+            *v *= l2;
+        }
+        let r0 = rx / l0;
+        system.add(0, weight, r0);
+        if l2 > 1e-4 {
+            system.add(1, weight, (ry - l1 * r0) / l2);
+        }
+    }
+    let landmark_weight = 1.0 / (constraints.landmark_sd * constraints.landmark_sd);
+    for landmark in constraints.landmarks {
+        let [du, dv] = &mut system.rows;
+        view.derivatives(landmark.point, at(landmark.vertex), [du, dv]);
+        system.add(0, landmark_weight, landmark.residual[0]);
+        system.add(1, landmark_weight, landmark.residual[1]);
+    }
+    for (k, &c) in scene.shape.iter().enumerate() {
+        system.pull(k, 1.0, c);
+    }
+    // Damping only: half a radian, 100 mm, half the focal length.
+    for (i, sd) in [0.5_f32, 0.5, 0.5, 100.0, 100.0, 0.5].into_iter().enumerate() {
+        system.pull(rank + i, 1.0 / (sd * sd), 0.0);
+    }
+    let prior = constraints.prior;
+    let distance = -scene.pose.translation[2] / prior.distance;
+    let (sd, ln) = (prior.distance_sd, crate::math::ln(f64::from(distance)) as f32);
+    system.pull(rank + POSE_PARAMETERS - 1, 1.0 / (sd * sd), ln);
+    let delta = system.solve()?;
+    for (c, d) in scene.shape.iter_mut().zip(delta) {
+        *c += fraction * d;
+    }
+    let [wx, wy, wz, tx, ty, zoom, recede] =
+        core::array::from_fn::<f32, POSE_PARAMETERS, _>(|i| fraction * delta[rank + i]);
+    turn(&mut scene.pose, [wx, wy, wz]);
+    scene.pose.translation[0] += tx;
+    scene.pose.translation[1] += ty;
+    let factor = |x: f32| crate::math::exp(f64::from(x)) as f32;
+    scene.pose.translation[2] *= factor(recede);
+    scene.camera.focal_length *= factor(zoom + recede);
+    Some(())
+}
+
+/// Rotates the pose by a small rotation vector of the world.
+fn turn(pose: &mut Pose, w: [f32; 3]) {
+    let angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    let angle = crate::math::sqrt(angle2);
+    let (sin, cos) = crate::math::sin_cos(angle);
+    let (a, b) = if angle > 1e-6 { (sin / angle, (1.0 - cos) / angle2) } else { (1.0, 0.5) };
+    // Rodrigues: e = cos·I + a·[w]× + b·w wᵀ.
+    let e = [
+        [cos + b * w[0] * w[0], b * w[0] * w[1] - a * w[2], b * w[0] * w[2] + a * w[1]],
+        [b * w[0] * w[1] + a * w[2], cos + b * w[1] * w[1], b * w[1] * w[2] - a * w[0]],
+        [b * w[0] * w[2] - a * w[1], b * w[1] * w[2] + a * w[0], cos + b * w[2] * w[2]],
+    ];
+    let r = pose.rotation();
+    let product =
+        e.map(|row| [0, 1, 2].map(|j| row[0] * r[0][j] + row[1] * r[1][j] + row[2] * r[2][j]));
+    (pose.roll, pose.yaw, pose.pitch) = Pose::euler(&product);
+}

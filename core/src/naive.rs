@@ -1,0 +1,181 @@
+//! The slow, obvious twins of the optimised stages: oracles of the tests, yardsticks of the
+//! benches. Nothing in a fit calls them.
+
+use crate::light;
+use crate::likelihood::background;
+use crate::likelihood::pixels::ln_normaliser;
+use crate::math;
+use crate::mesh::{planes_mut, vertex};
+use crate::model::Model;
+use crate::scene::{Camera, Scene};
+
+fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn normalize(a: [f64; 3]) -> [f64; 3] {
+    let n = math::sqrt_f64(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    if n > 0.0 { a.map(|x| x / n) } else { a }
+}
+
+/// Twin of [`crate::basis::Basis::instance`], for shape: entry by entry.
+pub fn instance(basis: &crate::basis::Basis<'_>, coefficients: &[f32], field: &mut [f32]) {
+    for (entry, out) in field.iter_mut().enumerate() {
+        *out = basis.mean()[entry];
+        for (k, c) in coefficients.iter().enumerate().take(basis.rank()) {
+            *out += c * basis.entry(entry, k);
+        }
+    }
+}
+
+/// Twin of [`crate::mesh::vertex_normals`], in double precision.
+pub fn vertex_normals(model: &Model<'_>, positions: &[f32], normals: &mut [f32]) {
+    normals.fill(0.0);
+    let [nx, ny, nz] = planes_mut(normals);
+    for corners in (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)) {
+        let [a, b, c] = corners.map(|v| vertex(positions, v as usize).map(f64::from));
+        let n = normalize(cross(sub(b, a), sub(c, a)));
+        for v in corners.map(|v| v as usize) {
+            nx[v] += n[0] as f32;
+            ny[v] += n[1] as f32;
+            nz[v] += n[2] as f32;
+        }
+    }
+    for v in 0..nx.len() {
+        let n = normalize([nx[v], ny[v], nz[v]].map(f64::from));
+        (nx[v], ny[v], nz[v]) = (n[0] as f32, n[1] as f32, n[2] as f32);
+    }
+}
+
+/// Twin of [`crate::render::project::project`] without its grid: vertex by vertex.
+pub fn project(scene: &Scene, positions: &[f32], window: &mut [[f32; 4]]) {
+    for (v, out) in window.iter_mut().enumerate().take(positions.len() / 3) {
+        let world = scene.pose.to_world(vertex(positions, v));
+        let (x, y, d) = scene.camera.project(world);
+        *out = [x, y, if d > scene.camera.near { 1.0 / d } else { 0.0 }, 0.0];
+    }
+}
+
+/// Twin of [`crate::render::shade::shade`]: every normal turned to the world, every basis function
+/// evaluated.
+pub fn shade(scene: &Scene, normals: &[f32], albedo: &[f32], shaded: &mut [[f32; 4]]) {
+    for (v, out) in shaded.iter_mut().enumerate().take(normals.len() / 3) {
+        let [r, g, b] = color(scene, vertex(normals, v), vertex(albedo, v));
+        *out = [r, g, b, 0.0];
+    }
+}
+
+fn color(scene: &Scene, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
+    let world =
+        scene.pose.rotation().map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
+    let radiance = light::radiance(&scene.light, world);
+    scene.color.apply([0, 1, 2].map(|c| albedo[c] * radiance[c]))
+}
+
+/// Twin of the whole rendering: every covered pixel shaded with its own interpolated, normalised
+/// normal and albedo, in double precision.
+///
+/// `depth` (the inverse distance, 0 where nothing is visible) and `pixels` have one entry per
+/// pixel of the scene's camera; the three fields are the instance's.
+pub fn draw(
+    model: &Model<'_>,
+    scene: &Scene,
+    [positions, normals, albedo]: [&[f32]; 3],
+    depth: &mut [f32],
+    pixels: &mut [[f32; 3]],
+) {
+    depth.fill(0.0);
+    let [width, height] = scene.camera.image_size.map(|side| side as usize);
+    for corners in (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)) {
+        let corners = corners.map(|v| v as usize);
+        let world = corners.map(|v| scene.pose.to_world(vertex(positions, v)).map(f64::from));
+        if world.iter().any(|p| -p[2] <= f64::from(scene.camera.near)) {
+            continue;
+        }
+        let n = cross(sub(world[1], world[0]), sub(world[2], world[0]));
+        if n[0] * world[0][0] + n[1] * world[0][1] + n[2] * world[0][2] > 0.0 {
+            continue;
+        }
+        let p = world.map(|w| window(&scene.camera, w));
+        let side = |axis: usize, limit: usize| {
+            let low = p.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
+            let high = p.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
+            (low.max(0.0) as usize)..((high + 2.0).max(0.0) as usize).min(limit)
+        };
+        for y in side(1, height) {
+            for x in side(0, width) {
+                let at = [x as f64, y as f64];
+                let edge = |a: [f64; 3], b: [f64; 3]| {
+                    (b[0] - a[0]) * (at[1] - a[1]) - (b[1] - a[1]) * (at[0] - a[0])
+                };
+                let e = [edge(p[1], p[2]), edge(p[2], p[0]), edge(p[0], p[1])];
+                if e.iter().any(|&e| e > 0.0) || e.iter().sum::<f64>() == 0.0 {
+                    continue;
+                }
+                let b = [0, 1, 2].map(|i| e[i] * p[i][2]);
+                let sum = b[0] + b[1] + b[2];
+                let inverse = (sum / (e[0] + e[1] + e[2])) as f32;
+                if inverse <= depth[y * width + x] {
+                    continue;
+                }
+                depth[y * width + x] = inverse;
+                let blend = |field: &[f32]| {
+                    let v = corners.map(|v| vertex(field, v).map(f64::from));
+                    [0, 1, 2].map(|c| (b[0] * v[0][c] + b[1] * v[1][c] + b[2] * v[2][c]) / sum)
+                };
+                let normal = normalize(blend(normals)).map(|x| x as f32);
+                pixels[y * width + x] = color(scene, normal, blend(albedo).map(|x| x as f32));
+            }
+        }
+    }
+}
+
+/// Window coordinates and inverse distance, in double precision.
+fn window(camera: &Camera, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    let f = f64::from(camera.focal_length);
+    let [w, h] = camera.image_size.map(f64::from);
+    let [sx, sy] = camera.sensor.map(f64::from);
+    let [cx, cy] = camera.principal_point.map(f64::from);
+    let d = -z;
+    [
+        0.5 * w * (2.0 * f / sx * x / d + cx + 1.0),
+        0.5 * h * (1.0 - 2.0 * f / sy * y / d - cy),
+        1.0 / d,
+    ]
+}
+
+/// Twin of the image likelihood: foreground minus background, pixel by pixel, in double
+/// precision. `depth` and `pixels` are [`draw`]'s; `histogram` is scratch of
+/// [`background::HISTOGRAM_LEN`].
+pub fn ln_likelihood(
+    depth: &[f32],
+    pixels: &[[f32; 3]],
+    target: &[[u8; 3]],
+    histogram: &mut [u32],
+    sd: f64,
+) -> f64 {
+    histogram.fill(0);
+    background::count(target, histogram);
+    let mut sum = 0.0;
+    let mut covered = 0;
+    for ((&depth, pixel), &observed) in depth.iter().zip(pixels).zip(target) {
+        if depth > 0.0 {
+            covered += 1;
+            let squares: f64 = (0..3)
+                .map(|c| {
+                    let d = f64::from(pixel[c]) - f64::from(observed[c]) / 255.0;
+                    d * d
+                })
+                .sum();
+            let count = histogram[background::bin(observed)];
+            sum += ln_normaliser(sd)
+                - squares / (2.0 * sd * sd)
+                - f64::from(background::ln_density(count, target.len()));
+        }
+    }
+    if covered > 0 { sum } else { f64::NEG_INFINITY }
+}

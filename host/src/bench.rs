@@ -1,0 +1,670 @@
+//! How fast the fit is on this machine: stage by stage beside its naive twin, whole steps, and the
+//! memory bandwidth that bounds them.
+//!
+//! Times are the fastest of many runs: what the machine does when nothing else runs on it. A chain
+//! repeats to the last bit, so the same holds step by step: each step counts with the fastest of
+//! its repetitions.
+
+use crate::demo;
+use crate::error::{Error, Result};
+use crate::model_file::OwnedModel;
+use crate::picture::Picture;
+use crate::render::{self, random_coefficients};
+use crate::tlms::Tlms;
+use onescan_core::basis::{field_len, padded};
+use onescan_core::chain::{self, Chain, Config, Image, Observation, Problem};
+use onescan_core::likelihood::background::HISTOGRAM_LEN;
+use onescan_core::likelihood::pixels::{Fragments, Target, fragments_words, target_words};
+use onescan_core::mesh::{self, sums_len};
+use onescan_core::model::{Model, Triangles};
+use onescan_core::naive;
+use onescan_core::proposal::Touched;
+use onescan_core::render::rasterize::{Frame, frame_words, rasterize};
+use onescan_core::render::{draw, draw_words, project::project, shade::shade};
+use onescan_core::rng::Rng;
+use onescan_core::scene::{Coefficients, Scene};
+use onescan_core::workspace::Carver;
+use serde::{Serialize, Serializer};
+use std::fmt;
+use std::hint::black_box;
+use std::mem::size_of;
+use std::time::{Duration, Instant};
+
+/// Components of each half of the model. Fits infer 50 of them.
+const RANK: usize = 60;
+/// Sides of the picture.
+const SIZE: [u32; 2] = [256, 256];
+/// Part of the picture the face covers.
+const COVERED: f64 = 0.4;
+/// Of the face, its light, the noise, and the chain.
+const SEED: u64 = 7;
+/// Steps of the image stage in one run. The mix of moves is that of a whole fit; how many pass
+/// the filters hardly changes after the first thousand.
+const STEPS: u32 = 2000;
+/// Runs of the same chain.
+const REPETITIONS: usize = 3;
+/// Time spent on each stage, on each twin and on each bandwidth.
+const BUDGET: Duration = Duration::from_millis(150);
+/// Read to measure the bandwidth of the memory: more than the caches of common machines hold.
+const MEMORY_BYTES: usize = 256 << 20;
+
+/// What is measured: the built-in face model and a rendered face of known truth.
+pub struct Workload {
+    /// The symmetric-full model of the template, rank 60 each.
+    pub model: OwnedModel,
+    /// The truth: a random instance (50 + 50 coefficients) under random light, turned by 15°, in
+    /// a picture of 256 × 256 of which it covers [`Workload::covered`].
+    pub scene: Scene,
+    /// The picture of [`Workload::scene`], with noise, before a soft background.
+    pub picture: Picture,
+    /// Its landmarks, with errors of two pixels.
+    pub landmarks: Tlms,
+    /// Part of the picture that the face covers, some 0.4.
+    pub covered: f64,
+}
+
+impl Workload {
+    /// Builds the model and draws the picture; a few seconds, told to `progress` in `[0, 1]`.
+    ///
+    /// # Errors
+    /// None: everything it needs is built in.
+    pub fn new(progress: &mut dyn FnMut(f64)) -> Result<Self> {
+        let owned = demo::template_model(RANK, &mut |done, _| progress(done))?.model;
+        let model = owned.view();
+        let config = Config::default();
+        let mut rng = Rng::new(SEED, 0);
+        let mut coefficients = |rank| Coefficients::from_iter(random_coefficients(rank, &mut rng));
+        let (shape, albedo) = (coefficients(config.shape_rank), coefficients(config.albedo_rank));
+        let mut scene = Scene { shape, albedo, ..Scene::initial(SIZE[0], SIZE[1], 0, 0) };
+        scene.pose.yaw = 15_f32.to_radians();
+        demo::random_light(&mut scene, &mut rng);
+        let covered = frame(&model, &mut scene)?;
+
+        let mesh = render::instance(&model, &scene.shape, &scene.albedo);
+        let rigid = OwnedModel::rigid(&mesh, &demo::template()?.1)?;
+        let seen =
+            Scene { shape: Coefficients::new(), albedo: Coefficients::new(), ..scene.clone() };
+        let (picture, landmarks) = demo::synthetic_photo(&rigid.view(), &seen, 0.02, &mut rng)?;
+        Ok(Self { model: owned, scene, picture, landmarks, covered })
+    }
+
+    /// The landmarks in the form a chain takes.
+    pub fn observations(&self) -> Vec<Observation<'_>> {
+        let visible = self.landmarks.visible();
+        visible.map(|l| Observation { name: &l.id, position: [l.x, l.y] }).collect()
+    }
+
+    /// The fit of `model` (a view of [`Workload::model`]) to the picture.
+    pub fn problem<'a>(
+        &'a self,
+        model: &'a Model<'a>,
+        landmarks: &'a [Observation<'a>],
+        config: &'a Config,
+    ) -> Problem<'a> {
+        let Picture { width, height, ref rgb } = self.picture;
+        Problem { model, image: Image { pixels: rgb, width, height }, landmarks, config }
+    }
+}
+
+/// Zooms until the model covers [`COVERED`] of the picture; returns how much it then covers.
+fn frame(model: &Model<'_>, scene: &mut Scene) -> Result<f64> {
+    let [width, height] = scene.camera.image_size.map(|side| side as usize);
+    let mut memory = vec![0; draw_words(model.vertices(), width, height)];
+    let mut pixels = vec![[0.0; 3]; width * height];
+    let mut covered = |scene: &Scene| {
+        let count = draw(model, scene, &mut memory, &mut pixels).unwrap_or(0);
+        if count == 0 {
+            return Err(Error::new("the face is out of the picture"));
+        }
+        Ok(count as f64 / (width * height) as f64)
+    };
+    for _ in 0..3 {
+        scene.camera.focal_length *= (COVERED / covered(scene)?).sqrt() as f32;
+    }
+    covered(scene)
+}
+
+/// A stage of the pipeline, or several in a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Shape coefficients to positions; the albedo's cost the same.
+    Instance,
+    /// Positions to vertex normals.
+    Normals,
+    /// Positions to window coordinates.
+    Project,
+    /// Normals and albedo to colours.
+    Shade,
+    /// Window coordinates to what is visible, and its collection. Without a twin of its own:
+    /// see [`Stage::Draw`].
+    Rasterize,
+    /// Project, shade, rasterize. The twin shades every pixel.
+    Draw,
+    /// Coefficients to a drawn face: everything before the likelihood, nothing kept.
+    Render,
+    /// Image likelihood of a drawn face. The twin includes the background's histogram, which the
+    /// chain makes once.
+    Likelihood,
+}
+
+impl Stage {
+    /// In the order the data flows, the larger after their parts; [`Stage::Render`] and
+    /// [`Stage::Likelihood`] together are a step that keeps nothing from the one before.
+    pub const ALL: [Self; 8] = [
+        Self::Instance,
+        Self::Normals,
+        Self::Project,
+        Self::Shade,
+        Self::Rasterize,
+        Self::Draw,
+        Self::Render,
+        Self::Likelihood,
+    ];
+
+    /// Its name in tables and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Instance => "instance",
+            Self::Normals => "normals",
+            Self::Project => "project",
+            Self::Shade => "shade",
+            Self::Rasterize => "rasterize",
+            Self::Draw => "draw",
+            Self::Render => "render",
+            Self::Likelihood => "likelihood",
+        }
+    }
+}
+
+/// What one way of rendering leaves behind, per vertex.
+struct Buffers {
+    positions: Vec<f32>,
+    normals: Vec<f32>,
+    albedo: Vec<f32>,
+    window: Vec<[f32; 4]>,
+    shaded: Vec<[f32; 4]>,
+}
+
+impl Buffers {
+    fn new(vertices: usize) -> Self {
+        let field = || vec![0.0; field_len(vertices)];
+        let quads = || vec![[0.0; 4]; padded(vertices)];
+        Self {
+            positions: field(),
+            normals: field(),
+            albedo: field(),
+            window: quads(),
+            shaded: quads(),
+        }
+    }
+}
+
+/// The stages and their naive twins on the workload's truth, each repeatable by itself: its input
+/// is what the stages before it left.
+pub struct Stages<'w> {
+    model: Model<'w>,
+    workload: &'w Workload,
+    sd: f32,
+    fast: Buffers,
+    sums: Vec<[f32; 4]>,
+    frame: Frame<'w>,
+    fragments: Fragments<'w>,
+    target: Target<'w>,
+    slow: Buffers,
+    depth: Vec<f32>,
+    pixels: Vec<[f32; 3]>,
+    histogram: Vec<u32>,
+}
+
+impl<'w> Stages<'w> {
+    /// Words of memory that [`Stages::new`] takes for a picture's sides.
+    pub const fn words([width, height]: [u32; 2]) -> usize {
+        let (width, height) = (width as usize, height as usize);
+        target_words(width, height)
+            + frame_words(width, height)
+            + fragments_words(width, height)
+            + HISTOGRAM_LEN
+    }
+
+    /// Runs every stage once, both ways.
+    ///
+    /// # Errors
+    /// When `memory` is shorter than [`Stages::words`].
+    pub fn new(workload: &'w Workload, memory: &'w mut [u32]) -> Result<Self> {
+        let too_short = || Error::new("too little memory for the stages");
+        let model = workload.model.view();
+        let [width, height] = [workload.picture.width as usize, workload.picture.height as usize];
+        let mut carver = Carver::new(memory);
+        let target = Target::carve(&mut carver, &workload.picture.rgb).ok_or_else(too_short)?;
+        let frame = Frame::carve(&mut carver, width, height).ok_or_else(too_short)?;
+        let fragments = Fragments::carve(&mut carver, width, height).ok_or_else(too_short)?;
+        let mut stages = Self {
+            workload,
+            sd: Config::default().pixel_sd,
+            fast: Buffers::new(model.vertices()),
+            sums: vec![[0.0; 4]; sums_len(model.vertices())],
+            frame,
+            fragments,
+            target,
+            slow: Buffers::new(model.vertices()),
+            depth: vec![0.0; width * height],
+            pixels: vec![[0.0; 3]; width * height],
+            histogram: vec![0; HISTOGRAM_LEN],
+            model,
+        };
+        for stage in [Stage::Render, Stage::Likelihood] {
+            stages.run(stage);
+            stages.run_naive(stage);
+        }
+        Ok(stages)
+    }
+
+    /// Runs a stage.
+    pub fn run(&mut self, stage: Stage) {
+        let (model, scene, b) = (&self.model, &self.workload.scene, &mut self.fast);
+        match stage {
+            Stage::Instance => model.shape.instance(&scene.shape, &mut b.positions),
+            Stage::Normals => {
+                mesh::vertex_normals(model, &b.positions, &mut self.sums, &mut b.normals);
+            }
+            Stage::Project => project(scene, &b.positions, &mut b.window),
+            Stage::Shade => shade(scene, &b.normals, &b.albedo, &mut b.shaded),
+            Stage::Rasterize => {
+                rasterize(model.triangles, &b.window, &mut self.frame);
+                self.fragments.collect(&self.frame, model.triangles, &self.target, self.sd);
+            }
+            Stage::Draw => {
+                self.run(Stage::Project);
+                self.run(Stage::Shade);
+                self.run(Stage::Rasterize);
+            }
+            Stage::Render => {
+                model.albedo.instance(&scene.albedo, &mut b.albedo);
+                self.run(Stage::Instance);
+                self.run(Stage::Normals);
+                self.run(Stage::Draw);
+            }
+            Stage::Likelihood => {
+                let floor = f64::NEG_INFINITY;
+                black_box(self.fragments.ln_likelihood(&b.shaded, &self.target, self.sd, floor));
+            }
+        }
+        black_box(self);
+    }
+
+    /// Runs a stage's naive twin; `None` if it has none.
+    pub fn run_naive(&mut self, stage: Stage) -> Option<()> {
+        let (model, scene, b) = (&self.model, &self.workload.scene, &mut self.slow);
+        match stage {
+            Stage::Instance => naive::instance(&model.shape, &scene.shape, &mut b.positions),
+            Stage::Normals => naive::vertex_normals(model, &b.positions, &mut b.normals),
+            Stage::Project => naive::project(scene, &b.positions, &mut b.window),
+            Stage::Shade => naive::shade(scene, &b.normals, &b.albedo, &mut b.shaded),
+            Stage::Rasterize => return None,
+            Stage::Draw => {
+                let fields = [&b.positions[..], &b.normals, &b.albedo];
+                naive::draw(model, scene, fields, &mut self.depth, &mut self.pixels);
+            }
+            Stage::Render => {
+                naive::instance(&model.albedo, &scene.albedo, &mut b.albedo);
+                for part in [Stage::Instance, Stage::Normals, Stage::Draw] {
+                    self.run_naive(part)?;
+                }
+            }
+            Stage::Likelihood => {
+                let (picture, sd) = (&self.workload.picture.rgb, f64::from(self.sd));
+                let (depth, pixels) = (&self.depth, &self.pixels);
+                black_box(naive::ln_likelihood(depth, pixels, picture, &mut self.histogram, sd));
+            }
+        }
+        black_box(self);
+        Some(())
+    }
+}
+
+/// Steps until one has compared the picture. Returns whether there was one.
+pub fn step_to_image(chain: &mut Chain<'_, '_>) -> bool {
+    let before = chain.checkpoint().image_evaluated;
+    while chain.step().is_some() {
+        if chain.checkpoint().image_evaluated != before {
+            return true;
+        }
+    }
+    false
+}
+
+/// Time of something and of its naive twin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Timing {
+    /// Microseconds.
+    pub us: f64,
+    /// Microseconds of the naive twin, if it has one.
+    pub naive_us: Option<f64>,
+    /// How many times faster it is than its twin.
+    pub ratio: Option<f64>,
+}
+
+impl Timing {
+    fn new(seconds: f64, naive_seconds: Option<f64>) -> Self {
+        Self {
+            us: 1e6 * seconds,
+            naive_us: naive_seconds.map(|naive| 1e6 * naive),
+            ratio: naive_seconds.map(|naive| naive / seconds),
+        }
+    }
+}
+
+/// Speed of the image stage of a chain on one core.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Speed {
+    /// Steps per second that compared the picture. The time of the others, turned down by an
+    /// earlier test, is theirs too.
+    pub steps_per_second: f64,
+    /// Steps per second, whatever became of them.
+    pub all_steps_per_second: f64,
+}
+
+/// How fast this machine reads, one core, 10⁹ bytes per second.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Bandwidth {
+    /// A buffer larger than the caches.
+    pub memory: f64,
+    /// A buffer as large as all a chain works on: the bases it uses and its own memory.
+    pub cache: f64,
+}
+
+/// What was measured; displays as a table for a person, serializes as `onescan bench --json`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// The chain of a default fit, with search moves.
+    #[serde(flatten)]
+    pub fit: Speed,
+    /// The same chain without search moves, a sampler.
+    pub sampler: Speed,
+    /// Part of the picture that the face covers.
+    pub covered_fraction: f64,
+    /// Stages by name, and last the `step`: an image-evaluated step of a default fit beside
+    /// the naive twins of rendering and likelihood.
+    #[serde(serialize_with = "as_map")]
+    pub stages: Vec<(&'static str, Timing)>,
+    /// How fast this machine reads.
+    pub bandwidth_gb_per_s: Bandwidth,
+    /// Bytes an average image-evaluated step of a default fit reads and writes, an estimate:
+    /// every stage that the step's move makes necessary counts each of its buffers once. What
+    /// search moves look at to find their proposals is not counted.
+    pub bytes_per_step: f64,
+    /// Image-evaluated steps per second if moving those bytes, at the cache's bandwidth, were all
+    /// there is to do.
+    pub roofline_steps_per_second: f64,
+    /// Part of that reached.
+    pub fraction_of_roofline: f64,
+}
+
+fn as_map<S: Serializer>(
+    stages: &[(&'static str, Timing)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(stages.iter().copied())
+}
+
+impl Report {
+    /// As JSON text.
+    ///
+    /// # Errors
+    /// None in practice: all keys are text.
+    pub fn to_json(&self) -> Result<String> {
+        serde_json::to_string_pretty(self).map_err(Error::new)
+    }
+}
+
+/// Measures everything; some ten seconds, told to `progress` in `[0, 1]`.
+///
+/// # Errors
+/// None in practice: everything it needs is built in.
+pub fn measure(progress: &mut dyn FnMut(f64)) -> Result<Report> {
+    let workload = Workload::new(&mut |done| progress(0.3 * done))?;
+    let mut memory = vec![0; Stages::words(SIZE)];
+    let mut stages = Stages::new(&workload, &mut memory)?;
+    let mut timings = Vec::new();
+    for (done, stage) in Stage::ALL.into_iter().enumerate() {
+        let fast = fastest(|| stages.run(stage));
+        let twin = stages.run_naive(stage);
+        let slow = twin.map(|()| {
+            fastest(|| {
+                stages.run_naive(stage);
+            })
+        });
+        timings.push((stage.name(), Timing::new(fast, slow)));
+        progress(0.3 + 0.2 * (done + 1) as f64 / Stage::ALL.len() as f64);
+    }
+
+    let fit = Run::new(&workload, true, &mut |done| progress(0.5 + 0.2 * done))?;
+    let sampler = Run::new(&workload, false, &mut |done| progress(0.7 + 0.2 * done))?;
+    let naive_step = timings
+        .iter()
+        .filter(|(name, _)| [Stage::Render, Stage::Likelihood].map(Stage::name).contains(name))
+        .map(|(_, timing)| timing.naive_us)
+        .sum::<Option<f64>>()
+        .map(|us| 1e-6 * us);
+    timings.push(("step", Timing::new(fit.seconds / fit.evaluated, naive_step)));
+
+    let traffic = Traffic::new(&workload);
+    let bandwidth = Bandwidth {
+        memory: read_bandwidth(MEMORY_BYTES),
+        cache: read_bandwidth(fit.memory_bytes + 2 * traffic.basis as usize),
+    };
+    progress(1.0);
+    let bytes_per_step = traffic.per_step(&fit);
+    let roofline = 1e9 * bandwidth.cache / bytes_per_step;
+    Ok(Report {
+        fit: fit.speed(),
+        sampler: sampler.speed(),
+        covered_fraction: workload.covered,
+        stages: timings,
+        bandwidth_gb_per_s: bandwidth,
+        bytes_per_step,
+        roofline_steps_per_second: roofline,
+        fraction_of_roofline: fit.speed().steps_per_second / roofline,
+    })
+}
+
+/// Seconds of the fastest call within [`BUDGET`].
+fn fastest(mut call: impl FnMut()) -> f64 {
+    let mut best = f64::INFINITY;
+    let begin = Instant::now();
+    while begin.elapsed() < BUDGET {
+        let start = Instant::now();
+        call();
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    best
+}
+
+/// 10⁹ bytes per second of reading a buffer from front to back, again and again.
+fn read_bandwidth(bytes: usize) -> f64 {
+    // Not zeros: those the system would give as one and the same page.
+    let buffer = black_box(vec![1_u64; bytes / size_of::<u64>()]);
+    let seconds = fastest(|| {
+        black_box(buffer.iter().fold(0_u64, |sum, x| sum.wrapping_add(*x)));
+    });
+    bytes as f64 / seconds / 1e9
+}
+
+/// The image stage of a chain, timed.
+struct Run {
+    /// Seconds of the whole stage.
+    seconds: f64,
+    /// Steps that compared the picture; of these, how many computed positions, what is visible,
+    /// and albedo anew.
+    evaluated: f64,
+    shape: f64,
+    geometry: f64,
+    albedo: f64,
+    /// Memory of the chain.
+    memory_bytes: usize,
+}
+
+impl Run {
+    fn new(workload: &Workload, search: bool, progress: &mut dyn FnMut(f64)) -> Result<Self> {
+        let config = Config { samples: STEPS, search, ..Config::default() };
+        let (model, landmarks) = (workload.model.view(), workload.observations());
+        let problem = workload.problem(&model, &landmarks, &config);
+        let mut memory = vec![0_u32; problem.dimensions().words()];
+        let mut times = vec![Duration::MAX; STEPS as usize];
+        let mut evaluated = Vec::new();
+        for repetition in 0..REPETITIONS {
+            let mut chain = Chain::new(problem, SEED, 0, &mut memory).map_err(Error::new)?;
+            while chain.checkpoint().stage == chain::Stage::Landmarks && chain.step().is_some() {}
+            let touches: Vec<Touched> = chain
+                .tallies(chain::Stage::Image)
+                .map(|(branch, _)| branch.kind.touches())
+                .collect();
+            evaluated.clear();
+            for time in &mut times {
+                let before = chain.checkpoint().image_evaluated;
+                let start = Instant::now();
+                let step = chain.step();
+                *time = start.elapsed().min(*time);
+                if chain.checkpoint().image_evaluated != before {
+                    evaluated.extend(step.map(|step| touches[step.branch]));
+                }
+            }
+            progress((repetition + 1) as f64 / REPETITIONS as f64);
+        }
+        let count = |of: fn(&Touched) -> bool| {
+            evaluated.iter().filter(|touched| of(touched)).count() as f64
+        };
+        Ok(Self {
+            seconds: times.iter().sum::<Duration>().as_secs_f64(),
+            evaluated: count(|_| true),
+            shape: count(|touched| touched.shape),
+            geometry: count(|touched| touched.geometry),
+            albedo: count(|touched| touched.albedo),
+            memory_bytes: problem.dimensions().words() * size_of::<u32>(),
+        })
+    }
+
+    fn speed(&self) -> Speed {
+        Speed {
+            steps_per_second: self.evaluated / self.seconds,
+            all_steps_per_second: f64::from(STEPS) / self.seconds,
+        }
+    }
+}
+
+/// Bytes the stages read and write, each buffer once.
+struct Traffic {
+    /// The components in use of one half's basis.
+    basis: f64,
+    /// Three numbers per vertex.
+    field: f64,
+    /// Four numbers per vertex.
+    quads: f64,
+    /// Corner indices.
+    triangles: f64,
+    /// Covered pixels.
+    covered: f64,
+}
+
+impl Traffic {
+    fn new(workload: &Workload) -> Self {
+        let model = workload.model.view();
+        let number = size_of::<f32>();
+        let field = number * field_len(model.vertices());
+        let triangles = match model.triangles {
+            Triangles::U16(t) => size_of_val(t),
+            Triangles::U32(t) => size_of_val(t),
+        };
+        Self {
+            basis: (Config::default().shape_rank * field) as f64,
+            field: field as f64,
+            quads: (4 * number * padded(model.vertices())) as f64,
+            triangles: triangles as f64,
+            covered: workload.covered * workload.picture.rgb.len() as f64,
+        }
+    }
+
+    /// An average image-evaluated step of a run. Per covered pixel, the frame holds 16 bytes, a
+    /// fragment 24, the target 16 and its background 4.
+    fn per_step(&self, run: &Run) -> f64 {
+        let instance = self.basis + 2.0 * self.field;
+        let normals = 2.0 * self.field + self.triangles + 2.0 * self.quads;
+        let project = self.field + self.quads;
+        let rasterize = self.triangles + self.quads + 16.0 * self.covered;
+        let collect = (16.0 + 4.0 + 24.0) * self.covered;
+        let shade = 2.0 * self.field + self.quads;
+        let likelihood = (24.0 + 16.0) * self.covered + self.quads;
+        let total = run.shape * (instance + normals)
+            + run.albedo * instance
+            + run.geometry * (project + rasterize + collect)
+            + run.evaluated * (shade + likelihood);
+        total / run.evaluated
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [width, height] = SIZE;
+        let covered = 100.0 * self.covered_fraction;
+        writeln!(f, "one core, {width} × {height} pixels, {covered:.0} % of them face")?;
+        writeln!(f)?;
+        writeln!(f, "{:12}{:>12}{:>12}{:>9}", "stage", "µs", "naive µs", "ratio")?;
+        for (name, Timing { us, naive_us, ratio }) in &self.stages {
+            write!(f, "{name:12}{us:>12.1}")?;
+            match naive_us.zip(*ratio) {
+                Some((naive, ratio)) => writeln!(f, "{naive:>12.1}{ratio:>9.1}")?,
+                None => writeln!(f, "{:>12}{:>9}", "–", "–")?,
+            }
+        }
+        writeln!(f)?;
+        writeln!(f, "{:12}{:>24}{:>12}", "steps/s", "picture compared", "all")?;
+        for (name, speed) in [("fit", self.fit), ("sampler", self.sampler)] {
+            let Speed { steps_per_second, all_steps_per_second } = speed;
+            writeln!(f, "{name:12}{steps_per_second:>24.0}{all_steps_per_second:>12.0}")?;
+        }
+        let Bandwidth { memory, cache } = self.bandwidth_gb_per_s;
+        writeln!(f)?;
+        writeln!(f, "reading: memory {memory:.1} GB/s, the fit's own data {cache:.1} GB/s")?;
+        write!(
+            f,
+            "a step moves {:.2} MB: bandwidth alone would allow {:.0} steps/s; the fit reaches {:.0} %",
+            1e-6 * self.bytes_per_step,
+            self.roofline_steps_per_second,
+            100.0 * self.fraction_of_roofline
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn json_has_the_promised_keys() {
+        let speed = Speed { steps_per_second: 2.0, all_steps_per_second: 3.0 };
+        let report = Report {
+            fit: speed,
+            sampler: speed,
+            covered_fraction: 0.4,
+            stages: vec![
+                ("draw", Timing::new(1.0, Some(4.0))),
+                ("rasterize", Timing::new(1.0, None)),
+            ],
+            bandwidth_gb_per_s: Bandwidth { memory: 8.0, cache: 16.0 },
+            bytes_per_step: 1e6,
+            roofline_steps_per_second: 16e3,
+            fraction_of_roofline: 0.1,
+        };
+        let text = report.to_json().expect("JSON");
+        let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        assert_eq!(json["steps_per_second"], 2.0);
+        assert_eq!(json["all_steps_per_second"], 3.0);
+        assert_eq!(json["stages"]["draw"]["ratio"], 4.0);
+        assert!(json["stages"]["rasterize"]["naive_us"].is_null());
+        assert_eq!(json["bandwidth_gb_per_s"]["cache"], 16.0);
+        for key in ["covered_fraction", "bytes_per_step", "roofline_steps_per_second"] {
+            assert!(json[key].is_number(), "{key}");
+        }
+        assert!(json["fraction_of_roofline"].is_number());
+    }
+}

@@ -1,0 +1,168 @@
+//! From one coloured scan to a morphable model.
+
+use crate::decompose::{Decomposition, Progress, Truncation, decompose};
+use crate::error::{Error, Result};
+use crate::kernel::{Axis, Kernel, Preset, Vertex};
+use crate::landmarks::Landmark;
+use crate::mesh::Mesh;
+use crate::model_file::{Half, ModelParts, OwnedModel};
+use std::fmt;
+use std::time::Instant;
+
+/// How a model is built.
+#[derive(Clone, Copy)]
+pub struct BuildOptions<'a> {
+    /// What the model's provenance calls the scan: its file name, without directories.
+    pub scan_name: &'a str,
+    /// The kernels of shape and albedo.
+    pub kernels: &'a Preset,
+    /// Plane of symmetry through the origin, for kernels that use one.
+    pub mirror: Option<Axis>,
+    /// Components of shape and of albedo.
+    pub truncation: Truncation,
+    /// Length of the scan's unit: 1 for millimetres, 10 for centimetres, 1000 for metres.
+    pub millimetres: f32,
+}
+
+/// A model and how its making went.
+pub struct BuiltModel {
+    /// The model.
+    pub model: OwnedModel,
+    /// Ranks, variances, certificates, times.
+    pub report: BuildReport,
+}
+
+/// How a build went; displays as a few lines for a person.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BuildReport {
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Shape.
+    pub shape: HalfReport,
+    /// Albedo.
+    pub albedo: HalfReport,
+    /// Seconds to lay out the file.
+    pub layout_seconds: f64,
+}
+
+/// How the decomposition of one kernel went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HalfReport {
+    /// The kernel, as algebra.
+    pub kernel: String,
+    /// Components kept.
+    pub rank: usize,
+    /// Fraction of the variance they hold.
+    pub captured: f64,
+    /// Largest residual `‖K u − λ u‖ / λ` among them.
+    pub max_residual: f64,
+    /// Wall time.
+    pub seconds: f64,
+}
+
+/// Builds a model whose mean is the scan and whose deviations follow the kernels.
+///
+/// # Errors
+/// Those of [`decompose`]; a unit that is not positive and finite or makes coordinates overflow;
+/// a basis too large for a file.
+pub fn build(
+    scan: &Mesh,
+    landmarks: &[Landmark],
+    options: &BuildOptions<'_>,
+    progress: &mut Progress<'_>,
+) -> Result<BuiltModel> {
+    let points: Vec<[f32; 3]> =
+        scan.points.iter().map(|p| p.map(|c| c * options.millimetres)).collect();
+    if !(options.millimetres > 0.0 && points.as_flattened().iter().all(|c| c.is_finite())) {
+        return Err(Error::new(format_args!(
+            "a unit of {} mm does not suit this scan; give mm, cm or m",
+            options.millimetres
+        )));
+    }
+    let vertices: Vec<Vertex> = points
+        .iter()
+        .zip(&scan.colors)
+        .map(|(p, c)| Vertex { position: p.map(f64::from), color: c.map(f64::from) })
+        .collect();
+
+    let mut half = |name: &str, kernel: &Kernel, from: f64| {
+        let start = Instant::now();
+        let deviation = decompose(kernel, &vertices, options.truncation, &mut |done, what| {
+            progress(from + 0.5 * done, &format!("{name} {what}"));
+        })
+        .map_err(|e| Error::new(format_args!("{name}: {e}")))?;
+        let report = HalfReport {
+            kernel: kernel.to_string(),
+            rank: deviation.rank(),
+            captured: deviation.captured(),
+            max_residual: deviation.max_residual,
+            seconds: start.elapsed().as_secs_f64(),
+        };
+        Ok::<(Decomposition, HalfReport), Error>((deviation, report))
+    };
+    let (shape, shape_report) = half("shape", &options.kernels.shape(options.mirror), 0.0)?;
+    let (albedo, albedo_report) = half("albedo", &options.kernels.albedo(options.mirror), 0.5)?;
+
+    let start = Instant::now();
+    let parts = ModelParts {
+        shape: Half { mean: &points, deviation: &shape },
+        albedo: Half { mean: &scan.colors, deviation: &albedo },
+        triangles: &scan.triangles,
+        landmarks,
+        provenance: &provenance(options, &shape_report, &albedo_report),
+    };
+    let model = OwnedModel::from_bytes(&parts.to_bytes()?)?;
+    let report = BuildReport {
+        vertices: points.len(),
+        triangles: scan.triangles.len(),
+        shape: shape_report,
+        albedo: albedo_report,
+        layout_seconds: start.elapsed().as_secs_f64(),
+    };
+    Ok(BuiltModel { model, report })
+}
+
+/// Where the model comes from, as TOML. Nothing of the machine it was made on, nor times: equal
+/// inputs give equal files.
+fn provenance(options: &BuildOptions<'_>, shape: &HalfReport, albedo: &HalfReport) -> String {
+    let mirror = options.mirror.map_or("none".to_string(), |axis| axis.to_string());
+    format!(
+        "onescan = \"{}\"\nscan = {:?}\nmillimetres_per_unit = {}\nkernels = \"{}\"\n\
+         mirror = \"{mirror}\"\n\
+         shape_kernel = \"{}\"\nshape_rank = {}\nshape_captured = {:.4}\n\
+         albedo_kernel = \"{}\"\nalbedo_rank = {}\nalbedo_captured = {:.4}\n",
+        env!("CARGO_PKG_VERSION"),
+        options.scan_name,
+        options.millimetres,
+        options.kernels.name,
+        shape.kernel,
+        shape.rank,
+        shape.captured,
+        albedo.kernel,
+        albedo.rank,
+        albedo.captured,
+    )
+}
+
+impl fmt::Display for BuildReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{} vertices, {} triangles", self.vertices, self.triangles)?;
+        writeln!(f, "shape:  {}", self.shape)?;
+        write!(f, "albedo: {}", self.albedo)
+    }
+}
+
+impl fmt::Display for HalfReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} components hold {:.2} % of the variance (residual {:.0e}, {:.1} s)",
+            self.rank,
+            100.0 * self.captured,
+            self.max_residual,
+            self.seconds
+        )
+    }
+}

@@ -1,0 +1,29 @@
+//! `onescan bench`.
+
+use clap::Args;
+use onescan::bench;
+use onescan::error::Result;
+use onescan::progress::Console;
+
+/// On the built-in face model and a rendered face, one core; takes some ten seconds. Times are
+/// the fastest of many runs, so a busy machine disturbs them little.
+#[derive(Args)]
+pub(super) struct Bench {
+    /// For programs.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Bench {
+    pub(super) fn run(self, console: &Console) -> Result<()> {
+        let mut task = console.task("measuring", 1000);
+        let report = bench::measure(&mut |done| task.set((1000.0 * done) as u64))?;
+        task.finish();
+        if self.json {
+            println!("{}", report.to_json()?);
+        } else {
+            println!("{report}");
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,236 @@
+//! `onescan fit`.
+
+use super::{file_name, output_directory};
+use clap::Args;
+use onescan::error::{Error, Result};
+use onescan::files::write_atomically;
+use onescan::fit::checkpoint::Save;
+use onescan::fit::output::{self, Names};
+use onescan::fit::{Control, Ending, Job};
+use onescan::model_file::OwnedModel;
+use onescan::photo::{self, Crop};
+use onescan::progress::Console;
+use onescan::report;
+use onescan::tlms::Tlms;
+use onescan_core::chain::Config;
+use onescan_core::scene::MAX_RANK;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// Writes fit.json, fit.rps, mesh.ply, mesh.glb, overlay.png, photo.png and report.html to the
+/// output directory. Ctrl-C saves a checkpoint there; --resume goes on from it, with the same
+/// result as without the interruption.
+#[derive(Args)]
+pub(super) struct Fit {
+    /// The model, .3dmm, with landmarks.
+    model: PathBuf,
+    /// The photo, PNG or JPEG.
+    image: PathBuf,
+    /// Landmarks in the photo, .tlms (lines of `name visible x y`).
+    #[arg(long)]
+    landmarks: PathBuf,
+    /// Directory to write to.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Seed of all randomness.
+    #[arg(long, default_value_t = 7)]
+    seed: u64,
+    /// Steps of the image stage.
+    #[arg(long, default_value_t = 5000)]
+    samples: u32,
+    /// Steps of the landmark stage before it.
+    #[arg(long, default_value_t = 5000)]
+    landmark_samples: u32,
+    /// Shape coefficients to infer.
+    #[arg(long, default_value_t = 50, value_parser = rank())]
+    shape_rank: u32,
+    /// Albedo coefficients to infer.
+    #[arg(long, default_value_t = 50, value_parser = rank())]
+    albedo_rank: u32,
+    /// Independent chains, run in parallel; the best state of all is kept.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
+    chains: u32,
+    /// Side of the picture the fit looks at: the face is cut out and scaled to it.
+    #[arg(long, default_value_t = Crop::LONGER_SIDE, value_parser = clap::value_parser!(u32).range(32..=2048))]
+    size: u32,
+    /// Pixels that share one independent error; 1 trusts every pixel by itself, as the reference
+    /// engine does.
+    #[arg(long, default_value_t = Config::default().pixel_patch, value_parser = at_least_one)]
+    pixel_patch: f32,
+    /// Use no search moves: the chain is then a sampler of the posterior, and slower to get there.
+    #[arg(long)]
+    sampler: bool,
+    /// Go on from the checkpoint of an interrupted fit with the same arguments.
+    #[arg(long)]
+    resume: bool,
+}
+
+fn rank() -> clap::builder::RangedI64ValueParser<u32> {
+    clap::value_parser!(u32).range(0..=MAX_RANK as i64)
+}
+
+fn at_least_one(text: &str) -> std::result::Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x >= 1.0 && x.is_finite() => Ok(x),
+        _ => Err("expected a number of at least 1".into()),
+    }
+}
+
+impl Fit {
+    pub(super) fn run(self, console: &Console) -> Result<()> {
+        output_directory(&self.output)?;
+        let file = OwnedModel::read(&self.model)?;
+        let model = file.view();
+        let photo = photo::read(&self.image)?;
+        let landmarks = Tlms::read(&self.landmarks)?;
+        let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
+        if names.is_empty() {
+            return Err(Error::file(
+                &self.model,
+                "has no landmarks, so nothing says where it is in a photo; build it with --landmarks",
+            ));
+        }
+        landmarks
+            .check(photo.width, photo.height, &names)
+            .map_err(|e| Error::file(&self.landmarks, e))?;
+        let crop = Crop::around(
+            &landmarks.visible_points(),
+            [photo.width, photo.height],
+            Crop::ENLARGE,
+            self.size,
+        )
+        .map_err(|e| Error::file(&self.landmarks, e))?;
+        let job = Job {
+            model: &model,
+            photo: &photo,
+            landmarks: &landmarks,
+            crop,
+            config: self.config(),
+            seed: self.seed,
+            chains: self.chains,
+        };
+        let checkpoint = self.output.join("checkpoint.bin");
+        let resume = if self.resume { Some(Save::read(&checkpoint)?) } else { None };
+
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+            // The second signal ends the program at once.
+            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
+                .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+                .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
+        }
+        let total = u64::from(self.chains) * job.config.steps();
+        match watch(&job, resume, &stop, console.task("fitting", total))
+            .map_err(|e| if self.resume { Error::file(&checkpoint, e) } else { e })?
+        {
+            Ending::Stopped(save) => {
+                let bytes = save.to_bytes()?;
+                write_atomically(&checkpoint, |out| out.write_all(&bytes))?;
+                Err(Error::file(
+                    &checkpoint,
+                    "interrupted, progress saved; the same command with --resume goes on",
+                ))
+            }
+            Ending::Done(fit) => {
+                let names = Names {
+                    model: file_name(&self.model),
+                    image: file_name(&self.image),
+                    command: self.command(),
+                };
+                let result = output::finish(&job, &fit, names)?;
+                output::write(&self.output, &result)?;
+                let page = report::fit_report(&result, model.provenance())?;
+                write_atomically(&self.output.join("report.html"), |out| {
+                    out.write_all(page.as_bytes())
+                })?;
+                remove_if_there(&checkpoint);
+                console.say(output::closing_line(&result.summary));
+                let report = self.output.join("report.html");
+                console.say(format_args!("open {}", report.display()));
+                Ok(())
+            }
+        }
+    }
+
+    fn config(&self) -> Config {
+        Config {
+            shape_rank: self.shape_rank as usize,
+            albedo_rank: self.albedo_rank as usize,
+            landmark_samples: self.landmark_samples,
+            samples: self.samples,
+            pixel_patch: self.pixel_patch,
+            search: !self.sampler,
+            ..Config::default()
+        }
+    }
+
+    /// The command that repeats this fit, with file names only.
+    fn command(&self) -> String {
+        let mut command = format!(
+            "onescan fit {} {} --landmarks {} -o fit --seed {}",
+            file_name(&self.model),
+            file_name(&self.image),
+            file_name(&self.landmarks),
+            self.seed
+        );
+        let base = Config::default();
+        let config = self.config();
+        let mut add = |condition: bool, text: String| {
+            if condition {
+                command.push(' ');
+                command.push_str(&text);
+            }
+        };
+        add(config.samples != base.samples, format!("--samples {}", config.samples));
+        add(
+            config.landmark_samples != base.landmark_samples,
+            format!("--landmark-samples {}", config.landmark_samples),
+        );
+        add(config.shape_rank != base.shape_rank, format!("--shape-rank {}", config.shape_rank));
+        add(
+            config.albedo_rank != base.albedo_rank,
+            format!("--albedo-rank {}", config.albedo_rank),
+        );
+        add(self.chains != 1, format!("--chains {}", self.chains));
+        add(self.size != Crop::LONGER_SIDE, format!("--size {}", self.size));
+        add(
+            config.pixel_patch != base.pixel_patch,
+            format!("--pixel-patch {}", config.pixel_patch),
+        );
+        add(self.sampler, "--sampler".into());
+        command
+    }
+}
+
+/// Runs the job and moves the bar meanwhile.
+pub(super) fn watch(
+    job: &Job<'_>,
+    resume: Option<Save>,
+    stop: &AtomicBool,
+    mut task: onescan::progress::Task,
+) -> Result<Ending> {
+    let steps = AtomicU64::new(0);
+    let done = AtomicBool::new(false);
+    let ending = std::thread::scope(|scope| {
+        let watcher = scope.spawn(|| {
+            while !done.load(Ordering::Relaxed) {
+                task.set(steps.load(Ordering::Relaxed));
+                std::thread::park_timeout(Duration::from_millis(100));
+            }
+            task.finish();
+        });
+        let ending = job.run(resume, &Control { stop, steps: &steps });
+        done.store(true, Ordering::Relaxed);
+        watcher.thread().unpark();
+        ending
+    });
+    ending
+}
+
+/// A finished fit has no use for its checkpoint; if it stays, it is refused by the next --resume.
+fn remove_if_there(checkpoint: &Path) {
+    let _ = std::fs::remove_file(checkpoint);
+}

@@ -1,0 +1,92 @@
+//! `onescan info`.
+
+use clap::Args;
+use onescan::error::Result;
+use onescan::model_file::OwnedModel;
+use onescan::summary::hex;
+use onescan_core::basis::Basis;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Also checks the file: a damaged model gives an error that says what and where.
+#[derive(Args)]
+pub(super) struct Info {
+    /// The model, .3dmm.
+    model: PathBuf,
+    /// For programs.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Info {
+    pub(super) fn run(self) -> Result<()> {
+        let file = OwnedModel::read(&self.model)?;
+        let model = file.view();
+        if self.json {
+            let landmarks: serde_json::Map<String, Value> =
+                model.landmarks().map(|(name, vertex)| (name.to_string(), vertex.into())).collect();
+            let value = json!({
+                "vertices": model.vertices(),
+                "triangles": model.triangles.len(),
+                "shape": half_json(&model.shape),
+                "albedo": half_json(&model.albedo),
+                "landmarks": landmarks,
+                "checksum": hex(model.checksum()),
+                "provenance": model.provenance(),
+            });
+            println!("{value:#}");
+            return Ok(());
+        }
+        println!("{} vertices, {} triangles", model.vertices(), model.triangles.len());
+        print_half("shape", &model.shape, "mm²");
+        print_half("albedo", &model.albedo, "");
+        let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
+        println!("{} landmarks: {}", names.len(), names.join(", "));
+        println!("checksum {}", hex(model.checksum()));
+        println!("{}", model.provenance().trim_end());
+        Ok(())
+    }
+}
+
+/// Components that hold at least `fraction` of the whole variance, if the model's do.
+fn components_for(basis: &Basis<'_>, fraction: f64) -> Option<usize> {
+    let mut sum = 0.0;
+    let wanted = fraction * basis.total_variance();
+    basis
+        .variance()
+        .iter()
+        .position(|&v| {
+            sum += f64::from(v);
+            sum >= wanted
+        })
+        .map(|index| index + 1)
+}
+
+fn captured(basis: &Basis<'_>) -> f64 {
+    let kept: f64 = basis.variance().iter().map(|&v| f64::from(v)).sum();
+    if basis.total_variance() > 0.0 { kept / basis.total_variance() } else { 1.0 }
+}
+
+fn half_json(basis: &Basis<'_>) -> Value {
+    json!({
+        "rank": basis.rank(),
+        "captured": captured(basis),
+        "total_variance": basis.total_variance(),
+        "variance": basis.variance(),
+    })
+}
+
+fn print_half(name: &str, basis: &Basis<'_>, unit: &str) {
+    let points = basis.mean().len().max(1) as f64;
+    println!(
+        "{name}: {} components hold {:.1} % of the variance ({:.4} {unit} per coordinate)",
+        basis.rank(),
+        100.0 * captured(basis),
+        basis.total_variance() / points
+    );
+    for fraction in [0.5, 0.8, 0.9, 0.95, 0.99] {
+        if let Some(count) = components_for(basis, fraction) {
+            println!("  {:>4.0} % in {count}", 100.0 * fraction);
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! The command line: one file per command.
+
+mod bench;
+mod build;
+mod demo;
+mod fit;
+mod info;
+mod render;
+mod sample;
+
+use clap::{Parser, Subcommand};
+use onescan::error::{Error, Result};
+use onescan::progress::Console;
+use std::path::Path;
+
+/// 3D morphable models from a single 3D scan.
+///
+/// One coloured mesh in; out comes a generative model of its shape and albedo, which is sampled,
+/// rendered, and fitted to photos. Without a command the demo runs: it builds a face model from
+/// the built-in template, fits it to three photos and writes out/demo/report.html.
+#[derive(Parser)]
+#[command(name = "onescan", version, after_help = EXAMPLES)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Say nothing but errors.
+    #[arg(long, short, global = true)]
+    quiet: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  onescan                                        the demo
+  onescan build scan.ply -o face.3dmm --landmarks landmarks.json
+  onescan sample face.3dmm -o samples -n 12
+  onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
+  onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
+
+Same model, photo, landmarks, settings and seed: same fit, to the last bit.";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Build the built-in face model, fit it to three photos, write a report with pictures.
+    Demo(demo::Demo),
+    /// Build a model from one coloured scan.
+    Build(build::Build),
+    /// Say what a model holds and where it comes from.
+    Info(info::Info),
+    /// Draw random instances of a model: meshes, and a sheet of pictures.
+    Sample(sample::Sample),
+    /// Render the mean, or a fit, from any side.
+    Render(render::Render),
+    /// Fit a model to a photo with landmarks.
+    Fit(fit::Fit),
+    /// Measure steps per second on this machine, stage by stage, beside its memory bandwidth.
+    Bench(bench::Bench),
+}
+
+impl Arguments {
+    /// Runs the command.
+    pub(crate) fn run(self) -> Result<()> {
+        let console = Console::new(self.quiet);
+        match self.command {
+            None => demo::Demo::default().run(&console),
+            Some(Command::Demo(command)) => command.run(&console),
+            Some(Command::Build(command)) => command.run(&console),
+            Some(Command::Info(command)) => command.run(),
+            Some(Command::Sample(command)) => command.run(&console),
+            Some(Command::Render(command)) => command.run(&console),
+            Some(Command::Fit(command)) => command.run(&console),
+            Some(Command::Bench(command)) => command.run(&console),
+        }
+    }
+}
+
+/// The file's name without directories, for texts that are to be the same on every machine.
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// Makes the output directory, so that a place that cannot be written is known before the work.
+fn output_directory(path: &Path) -> Result<()> {
+    std::fs::create_dir_all(path).and_then(|()| tempfile::tempfile_in(path).map(drop)).map_err(
+        |e| Error::file(path, format_args!("cannot write here: {e}; choose another -o directory")),
+    )
+}
+
+/// Checks that a file can be written where it is to go, before the work.
+fn output_file(path: &Path) -> Result<()> {
+    let directory = match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    if path.is_dir() {
+        return Err(Error::file(path, "is a directory; give the name of a file to write"));
+    }
+    tempfile::tempfile_in(directory).map(drop).map_err(|e| {
+        Error::file(path, format_args!("cannot write: {e}; give -o in a writable directory"))
+    })
+}
+
+/// Parses `WxH`.
+fn size(text: &str) -> std::result::Result<[u32; 2], String> {
+    let (w, h) = text.split_once(['x', '×']).ok_or("expected WIDTHxHEIGHT, like 512x512")?;
+    let side = |s: &str| match s.parse() {
+        Ok(side) if (1..=8192).contains(&side) => Ok(side),
+        _ => Err(format!("{s:?} is not a side of 1 to 8192 pixels")),
+    };
+    Ok([side(w)?, side(h)?])
+}

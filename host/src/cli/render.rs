@@ -1,0 +1,84 @@
+//! `onescan render`.
+
+use super::{output_file, size};
+use clap::Args;
+use onescan::error::{Error, Result};
+use onescan::model_file::OwnedModel;
+use onescan::progress::Console;
+use onescan::render;
+use onescan::rps::Rps;
+use onescan::summary::{Summary, hex};
+use std::path::PathBuf;
+
+/// Without --fit or --rps: the mean, upright, under frontal light. With them: the fitted scene as
+/// the photo's camera sees it; --yaw and --pitch then turn the fitted object further.
+#[derive(Args)]
+pub(super) struct Render {
+    /// The model, .3dmm.
+    model: PathBuf,
+    /// The picture to write, PNG.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Parameters of a fit, fit.json.
+    #[arg(long, conflicts_with = "rps")]
+    fit: Option<PathBuf>,
+    /// Parameters of the reference engine, .rps.
+    #[arg(long)]
+    rps: Option<PathBuf>,
+    /// Size of the picture [default: 512x512, or the fit's photo].
+    #[arg(long, value_parser = size)]
+    size: Option<[u32; 2]>,
+    /// Turn to the subject's left, degrees.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
+    yaw: f32,
+    /// Nod down, degrees.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
+    pitch: f32,
+}
+
+fn degrees(text: &str) -> std::result::Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x.is_finite() => Ok(x),
+        _ => Err("expected an angle in degrees".into()),
+    }
+}
+
+impl Render {
+    pub(super) fn run(self, console: &Console) -> Result<()> {
+        output_file(&self.output)?;
+        let file = OwnedModel::read(&self.model)?;
+        let model = file.view();
+        let (yaw, pitch) = (self.yaw.to_radians(), self.pitch.to_radians());
+        let fitted = if let Some(path) = &self.fit {
+            let summary = Summary::read(path)?;
+            if summary.model.checksum != hex(model.checksum()) {
+                return Err(Error::file(
+                    path,
+                    format_args!(
+                        "model.checksum: this fit was made with another model ({}); give that one",
+                        summary.model.file
+                    ),
+                ));
+            }
+            Some(summary.parameters)
+        } else if let Some(path) = &self.rps {
+            Some(Rps::read(path)?.scene)
+        } else {
+            None
+        };
+        let scene = match fitted {
+            Some(mut scene) => {
+                scene.pose.yaw += yaw;
+                scene.pose.pitch += pitch;
+                if let Some(size) = self.size {
+                    scene.camera = render::resize_camera(&scene.camera, size);
+                }
+                scene
+            }
+            None => render::portrait(&model, self.size.unwrap_or([512, 512]), yaw, pitch),
+        };
+        render::draw_on(&model, &scene, render::GROUND).write_png(&self.output)?;
+        console.say(format_args!("wrote {}", self.output.display()));
+        Ok(())
+    }
+}

@@ -1,0 +1,75 @@
+//! `onescan sample`.
+
+use super::output_directory;
+use clap::Args;
+use onescan::error::Result;
+use onescan::files::write_atomically;
+use onescan::model_file::OwnedModel;
+use onescan::picture::contact_sheet;
+use onescan::ply::{self, Encoding};
+use onescan::progress::Console;
+use onescan::render;
+use onescan_core::rng::Rng;
+use std::path::PathBuf;
+
+/// Writes sample_NN.ply (albedo as vertex colours) and samples.png, a sheet of them all.
+#[derive(Args)]
+pub(super) struct Sample {
+    /// The model, .3dmm.
+    model: PathBuf,
+    /// Directory to write to.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// How many.
+    #[arg(short, default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    n: u32,
+    /// Seed of the coefficients.
+    #[arg(long, default_value_t = 7)]
+    seed: u64,
+    /// Vary the shape alone.
+    #[arg(long, conflicts_with = "albedo_only")]
+    shape_only: bool,
+    /// Vary the albedo alone.
+    #[arg(long)]
+    albedo_only: bool,
+}
+
+/// Side of one sample's picture in the sheet, and how many it shows at most.
+const SIDE: u32 = 256;
+const SHOWN: usize = 48;
+
+impl Sample {
+    pub(super) fn run(self, console: &Console) -> Result<()> {
+        let file = OwnedModel::read(&self.model)?;
+        let model = file.view();
+        output_directory(&self.output)?;
+        let mut rng = Rng::new(self.seed, 0);
+        let mut task = console.task("sampling", u64::from(self.n));
+        let mut pictures = Vec::new();
+        for number in 0..self.n {
+            let mut shape = render::random_coefficients(model.shape.rank(), &mut rng);
+            let mut albedo = render::random_coefficients(model.albedo.rank(), &mut rng);
+            if self.albedo_only {
+                shape.clear();
+            }
+            if self.shape_only {
+                albedo.clear();
+            }
+            let mesh = render::instance(&model, &shape, &albedo);
+            let path = self.output.join(format!("sample_{number:02}.ply"));
+            write_atomically(&path, |out| ply::write(out, &mesh, Encoding::default()))?;
+            if pictures.len() < SHOWN {
+                let scene = render::portrait(&model, [SIDE; 2], 0.35, 0.0);
+                pictures.push(render::draw_mesh(&mesh, &scene, render::GROUND)?);
+            }
+            task.set(u64::from(number) + 1);
+        }
+        task.finish();
+        let path = self.output.join("samples.png");
+        let pictures: Vec<_> = pictures.iter().collect();
+        let columns = (pictures.len() as f64).sqrt().ceil() as usize;
+        contact_sheet(&pictures, columns.clamp(1, 6), 4, [255; 3]).write_png(&path)?;
+        console.say(format_args!("wrote {} meshes and {}", self.n, path.display()));
+        Ok(())
+    }
+}

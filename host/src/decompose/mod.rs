@@ -1,0 +1,287 @@
+//! Exact low-rank decomposition of a kernel over all vertices of a scan.
+//!
+//! The covariance of a field over V vertices is a 3V × 3V matrix. The kernels here are sums of
+//! (3×3 matrix) ⊗ (scalar kernel) whose matrices share eigenvectors, so it falls apart exactly
+//! into a few scalar problems of size V, or of half that when the vertices are symmetric too
+//! (`structure`). The leading eigenpairs of all of them are found together by a block Krylov
+//! method (`krylov`) on exact kernel products (`operator`). Nothing is sampled. Matrices are kept
+//! only while they are small (2 GiB in all); beyond that memory grows with V, not V².
+//!
+//! Results are the same at every number of threads.
+
+mod commuting;
+mod krylov;
+mod operator;
+mod structure;
+
+use crate::error::{Error, Result};
+use crate::kernel::{Kernel, Vertex};
+use faer::MatRef;
+use krylov::Krylov;
+use rayon::prelude::*;
+use structure::{Structure, Use};
+
+/// Largest residual `‖K u − λ u‖ / λ` of any pair returned.
+pub const MAX_RESIDUAL: f64 = 1e-3;
+
+/// Most components [`Truncation::Variance`] will go to.
+pub const MAX_COMPONENTS: usize = 2000;
+
+/// Pairs below this fraction of the leading eigenvalue are rounding noise of a
+/// rank-deficient kernel.
+const POSITIVE: f64 = 1e-9;
+
+/// Receives the fraction done, in `[0, 1]`, and what is being done.
+pub type Progress<'a> = dyn FnMut(f64, &str) + 'a;
+
+/// How many components to keep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Truncation {
+    /// This many, or all there are.
+    Rank(usize),
+    /// As few as hold this fraction of the variance, in `(0, 1)`; at most [`MAX_COMPONENTS`].
+    Variance(f64),
+}
+
+/// Leading eigenpairs of a covariance, in descending order.
+///
+/// Guarantees: variances positive; columns orthonormal in `R^{3V}`, each with its entry of
+/// largest magnitude positive; residuals at most [`MAX_RESIDUAL`].
+pub struct Decomposition {
+    /// Eigenvalues λ of the 3V × 3V covariance.
+    pub variances: Vec<f64>,
+    /// Trace of the covariance, exact: the sum of all its eigenvalues, kept or not.
+    pub total_variance: f64,
+    /// Largest residual `‖K u − λ u‖ / λ`, from one more product over all vertices.
+    pub max_residual: f64,
+    columns: Vec<Column>,
+    vectors: Vec<Vec<f64>>,
+}
+
+/// An eigenvector as the product (colour or coordinate direction) ⊗ (scalar eigenvector).
+struct Column {
+    direction: [f64; 3],
+    vector: usize,
+}
+
+impl Decomposition {
+    /// No components at all: a field that never deviates from its mean.
+    pub const NONE: Self = Self {
+        variances: Vec::new(),
+        total_variance: 0.0,
+        max_residual: 0.0,
+        columns: Vec::new(),
+        vectors: Vec::new(),
+    };
+
+    /// Number of components kept.
+    pub fn rank(&self) -> usize {
+        self.variances.len()
+    }
+
+    /// Fraction of the total variance the kept components hold.
+    pub fn captured(&self) -> f64 {
+        self.variances.iter().sum::<f64>() / self.total_variance
+    }
+
+    /// The unit eigenvector `k` as a product: its value at vertex `i` is `direction·vector[i]`,
+    /// direction being over x, y, z or R, G, B.
+    ///
+    /// # Panics
+    /// If `k` is not below the rank.
+    pub fn column(&self, k: usize) -> ([f64; 3], &[f64]) {
+        let column = &self.columns[k];
+        (column.direction, &self.vectors[column.vector])
+    }
+}
+
+/// A scalar eigenproblem on its way and what its pairs stand for.
+struct Problem {
+    krylov: Krylov,
+    uses: Vec<Use>,
+}
+
+/// A pair of the whole covariance: pair `ritz` of `problem`, in its role `use_`.
+struct Candidate {
+    variance: f64,
+    problem: usize,
+    ritz: usize,
+    use_: usize,
+}
+
+/// Leading eigenpairs of `kernel` over `vertices` (at least one).
+///
+/// # Errors
+/// When the 3×3 matrices of the kernel share no eigenvectors, or when the variance asked for
+/// needs more than [`MAX_COMPONENTS`] components (the message says what those hold).
+pub fn decompose(
+    kernel: &Kernel,
+    vertices: &[Vertex],
+    truncation: Truncation,
+    progress: &mut Progress<'_>,
+) -> Result<Decomposition> {
+    let structure = Structure::new(kernel, vertices)?;
+    let operator = &structure.operator;
+    let mut problems: Vec<Problem> = structure
+        .uses
+        .iter()
+        .enumerate()
+        .map(|(p, uses)| Problem {
+            krylov: Krylov::new(
+                operator.size(),
+                operator.block_width(),
+                operator.trace(p),
+                p as u64,
+            ),
+            uses: uses.clone(),
+        })
+        .collect();
+    let total: f64 = problems.iter().map(Problem::total_variance).sum();
+    let limit = MAX_COMPONENTS.min(3 * vertices.len());
+
+    let kept = loop {
+        let mut candidates = merged(&problems);
+        let wanted = wanted(&candidates, truncation, total, limit);
+        let cutoff = candidates.get(wanted.wrapping_sub(1)).map_or(0.0, |c| c.variance);
+        let lagging: Vec<bool> = problems.iter().map(|p| p.lags(cutoff)).collect();
+        candidates.truncate(wanted);
+        let done = candidates.iter().filter(|c| problems[c.problem].krylov.converged(c.ritz));
+        progress(done.count() as f64 / wanted.max(1) as f64, "eigenvectors");
+        if !lagging.contains(&true) {
+            break candidates;
+        }
+        advance(&structure, &mut problems, &lagging);
+    };
+
+    let captured = kept.iter().map(|c| c.variance).sum::<f64>() / total;
+    if let Truncation::Variance(fraction) = truncation
+        && captured < fraction * (1.0 - 1e-12)
+        && kept.len() == limit
+    {
+        return Err(Error::new(format_args!(
+            "{limit} components hold {:.2} % of the variance, not the {:.2} % asked for; \
+             ask for less, or give a rank",
+            100.0 * captured,
+            100.0 * fraction
+        )));
+    }
+    Ok(finish(&structure, &problems, &kept, total))
+}
+
+/// All positive pairs found so far, largest variance first.
+fn merged(problems: &[Problem]) -> Vec<Candidate> {
+    let mut all: Vec<Candidate> = Vec::new();
+    for (p, problem) in problems.iter().enumerate() {
+        for (ritz, theta) in problem.krylov.values().iter().enumerate() {
+            all.extend(problem.uses.iter().enumerate().map(|(u, role)| Candidate {
+                variance: role.scale * theta,
+                problem: p,
+                ritz,
+                use_: u,
+            }));
+        }
+    }
+    // Stable, so equal variances keep the order of problems, pairs and roles.
+    all.sort_by(|a, b| b.variance.total_cmp(&a.variance));
+    let floor = all.first().map_or(0.0, |c| POSITIVE * c.variance);
+    all.retain(|c| c.variance > floor);
+    all
+}
+
+fn wanted(candidates: &[Candidate], truncation: Truncation, total: f64, limit: usize) -> usize {
+    match truncation {
+        Truncation::Rank(rank) => rank,
+        Truncation::Variance(fraction) => {
+            let mut left = fraction * total;
+            let enough = candidates.iter().position(|c| {
+                left -= c.variance;
+                left <= 0.0
+            });
+            enough.map_or(limit, |last| limit.min(last + 1))
+        }
+    }
+}
+
+impl Problem {
+    fn total_variance(&self) -> f64 {
+        self.uses.iter().map(|role| role.scale).sum::<f64>() * self.krylov.trace()
+    }
+
+    /// Whether a pair that may belong above `cutoff` (0: as many as there are) is not exact yet.
+    fn lags(&self, cutoff: f64) -> bool {
+        let scale = self.uses.iter().map(|role| role.scale).fold(0.0, f64::max);
+        self.krylov.lags(cutoff / scale, POSITIVE)
+    }
+}
+
+/// Extends the Krylov spaces of the problems that lag, all in the same sweeps over the kernel.
+fn advance(structure: &Structure, problems: &mut [Problem], lagging: &[bool]) {
+    loop {
+        let active: Vec<usize> =
+            (0..problems.len()).filter(|&p| lagging[p] && !problems[p].krylov.is_due()).collect();
+        if active.is_empty() {
+            break;
+        }
+        let blocks: Vec<(usize, MatRef<'_, f64>)> =
+            active.iter().map(|&p| (p, problems[p].krylov.block())).collect();
+        let mut products = vec![None; problems.len()];
+        for (&p, product) in active.iter().zip(structure.operator.apply(&blocks)) {
+            products[p] = Some(product);
+        }
+        problems.par_iter_mut().zip(products).for_each(|(problem, product)| {
+            if let Some(product) = product {
+                problem.krylov.absorb(product);
+            }
+        });
+    }
+    problems.par_iter_mut().zip(lagging).filter(|(_, lags)| **lags).for_each(|(problem, _)| {
+        problem.krylov.project();
+    });
+}
+
+/// Forms the kept eigenvectors and certifies them with one more product.
+fn finish(
+    structure: &Structure,
+    problems: &[Problem],
+    kept: &[Candidate],
+    total: f64,
+) -> Decomposition {
+    // The kept pairs of each problem are its leading ones.
+    let ranks: Vec<usize> = (0..problems.len())
+        .map(|p| kept.iter().filter(|c| c.problem == p).map(|c| c.ritz + 1).max().unwrap_or(0))
+        .collect();
+    let bases: Vec<_> =
+        problems.par_iter().zip(&ranks).map(|(p, &rank)| p.krylov.vectors(rank)).collect();
+    let blocks: Vec<_> = bases.iter().enumerate().map(|(p, u)| (p, u.as_ref())).collect();
+    let products = structure.operator.apply(&blocks);
+
+    let mut max_residual: f64 = 0.0;
+    let mut first = vec![0; problems.len()];
+    let mut vectors = Vec::new();
+    for (p, (basis, product)) in bases.iter().zip(&products).enumerate() {
+        first[p] = vectors.len();
+        for (j, theta) in problems[p].krylov.values().iter().take(ranks[p]).enumerate() {
+            let residual = product.col(j) - faer::Scale(*theta) * basis.col(j);
+            max_residual = max_residual.max(residual.norm_l2() / theta);
+            vectors.push(structure.expand(p, basis.col(j)));
+        }
+    }
+    let columns = kept
+        .iter()
+        .map(|c| {
+            let vector = first[c.problem] + c.ritz;
+            let direction = problems[c.problem].uses[c.use_].direction;
+            let sign = leading_sign(&direction) * leading_sign(&vectors[vector]);
+            Column { direction: direction.map(|d| sign * d), vector }
+        })
+        .collect();
+    let variances = kept.iter().map(|c| c.variance).collect();
+    Decomposition { variances, total_variance: total, max_residual, columns, vectors }
+}
+
+/// Sign of the entry of largest magnitude; of the first among those that differ by rounding.
+fn leading_sign(values: &[f64]) -> f64 {
+    let largest = values.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    let leader = values.iter().find(|v| v.abs() >= largest * (1.0 - 1e-9));
+    leader.map_or(1.0, |v| v.signum())
+}

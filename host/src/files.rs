@@ -1,0 +1,63 @@
+//! Writing files whole or not at all.
+
+use crate::error::{Error, Result};
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+/// Writes a file by `content` under a temporary name beside `path`, then renames it: readers
+/// see the old file or the whole new one, never a part.
+///
+/// # Errors
+/// When the directory is missing or not writable, the disk is full, or `path` is a directory;
+/// nothing is left behind.
+pub fn write_atomically(
+    path: &Path,
+    content: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+) -> Result<()> {
+    let fault =
+        |e: io::Error| Error::file(path, format_args!("cannot write: {e}; give a writable place"));
+    let directory = match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".onescan-");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // As `File::create` would: the umask takes its share.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(directory).map_err(fault)?;
+    let mut writer = BufWriter::with_capacity(1 << 16, file.as_file_mut());
+    content(&mut writer).and_then(|()| writer.flush()).map_err(fault)?;
+    drop(writer);
+    file.persist(path).map_err(|e| fault(e.error))?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("model");
+        write_atomically(&path, |w| w.write_all(b"old")).unwrap();
+        let failed = write_atomically(&path, |w| {
+            w.write_all(b"new")?;
+            Err(io::Error::other("disk full"))
+        });
+        assert!(failed.unwrap_err().to_string().contains("cannot write: disk full"));
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(&directory).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_missing_directory_is_named() {
+        let error = write_atomically(Path::new("/nowhere/at/all"), |_| Ok(())).unwrap_err();
+        assert!(error.to_string().starts_with("/nowhere/at/all: cannot write"), "{error}");
+    }
+}

@@ -1,0 +1,82 @@
+//! Checkpoint files: an interrupted fit goes on with the same bits.
+
+use super::TracePoint;
+use crate::error::{Error, Result};
+use onescan_core::chain::{Checkpoint, Config};
+use onescan_core::hash::fnv64;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// First bytes of a checkpoint file, version included.
+const MAGIC: [u8; 8] = *b"1scanck1";
+
+/// What a checkpoint belongs to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Checksum of the model.
+    pub model: u64,
+    /// Hash of photo, crop and landmarks.
+    pub picture: u64,
+    /// Configuration.
+    pub config: Config,
+    /// Seed.
+    pub seed: u64,
+    /// Number of chains.
+    pub chains: u32,
+}
+
+/// One chain's state and its trace so far.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ChainSave {
+    /// The chain.
+    pub checkpoint: Checkpoint,
+    /// Its trace.
+    pub trace: Vec<TracePoint>,
+}
+
+/// An interrupted fit.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Save {
+    /// What it belongs to.
+    pub identity: Identity,
+    /// Its chains, in order.
+    pub chains: Vec<ChainSave>,
+}
+
+impl Save {
+    /// The file's bytes: magic, FNV-1a 64 of the rest, postcard. Binary, because every bit of
+    /// every number must come back.
+    ///
+    /// # Errors
+    /// None in practice; the encoder's are passed on.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        let body = postcard::to_stdvec(self).map_err(Error::new)?;
+        Ok([&MAGIC[..], &fnv64(&body).to_le_bytes(), &body].concat())
+    }
+
+    /// Reads a checkpoint's bytes.
+    ///
+    /// # Errors
+    /// Not a checkpoint, or damaged.
+    pub fn parse(bytes: &[u8]) -> Result<Self> {
+        let damaged =
+            || Error::new("not a checkpoint of this version, or damaged; fit without --resume");
+        let (magic, rest) = bytes.split_first_chunk::<8>().ok_or_else(damaged)?;
+        let (sum, body) = rest.split_first_chunk::<8>().ok_or_else(damaged)?;
+        if *magic != MAGIC || u64::from_le_bytes(*sum) != fnv64(body) {
+            return Err(damaged());
+        }
+        postcard::from_bytes(body).map_err(|_| damaged())
+    }
+
+    /// Reads a checkpoint file.
+    ///
+    /// # Errors
+    /// As [`Save::parse`], naming the file.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| {
+            Error::file(path, format_args!("{e}; --resume continues an interrupted fit only"))
+        })?;
+        Self::parse(&bytes).map_err(|e| Error::file(path, e))
+    }
+}

@@ -1,0 +1,183 @@
+//! What a fit leaves behind: parameters, meshes and pictures.
+
+use super::{Fit, Job};
+use crate::error::Result;
+use crate::files::write_atomically;
+use crate::mesh::Mesh;
+use crate::photo::Crop;
+use crate::picture::{self, Picture};
+use crate::ply::{self, Encoding};
+use crate::rps::Rps;
+use crate::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};
+use crate::{glb, render};
+use onescan_core::chain;
+use onescan_core::model::Model;
+use onescan_core::scene::Scene;
+use std::io::Write;
+use std::path::Path;
+
+/// Longer side of the face's pictures, pixels.
+const SIDE: u32 = 512;
+/// Yaw of the side views, radians.
+const SIDES: [f32; 2] = [-0.9, 0.9];
+
+/// What the files are called; names only, without directories.
+pub struct Names {
+    /// Of the model.
+    pub model: String,
+    /// Of the photo.
+    pub image: String,
+    /// Command that repeats the fit.
+    pub command: String,
+}
+
+/// A fit with everything that is shown of it.
+pub struct Finished {
+    /// The numbers.
+    pub summary: Summary,
+    /// The fitted face: shape in the model's frame, albedo as colours.
+    pub mesh: Mesh,
+    /// The pictures.
+    pub pictures: Pictures,
+}
+
+/// Pictures of a fit.
+pub struct Pictures {
+    /// The part of the photo the fit looked at.
+    pub photo: Picture,
+    /// The same with the fitted model drawn on it.
+    pub on_photo: Picture,
+    /// The fitted model alone, as in the photo.
+    pub alone: Picture,
+    /// The fitted model turned to both sides, under frontal light.
+    pub sides: Vec<Picture>,
+    /// The whole photo with the fitted model drawn on it.
+    pub whole: Picture,
+}
+
+/// Draws the pictures and collects the numbers of a finished fit.
+///
+/// # Errors
+/// None for a fit of this job.
+pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
+    let mut parameters = fit.best.scene.clone();
+    parameters.camera = fit.crop.camera_in_photo(&fit.best.scene.camera);
+    let config = &job.config;
+    let summary = Summary {
+        onescan: env!("CARGO_PKG_VERSION").into(),
+        command: names.command,
+        model: ModelUsed { file: names.model, checksum: hex(job.model.checksum()) },
+        image: PhotoUsed {
+            file: names.image,
+            size: [job.photo.width, job.photo.height],
+            crop: fit.crop,
+            landmarks: job.landmarks.visible().count(),
+        },
+        seed: job.seed,
+        fingerprint: hex(fit.fingerprint),
+        chains: job.chains,
+        landmark_samples: config.landmark_samples,
+        samples: config.samples,
+        steps: fit.steps,
+        accepted: fit.accepted,
+        steps_per_second: fit.steps_per_second,
+        log_likelihood: BeforeAfter {
+            initial: finite(fit.initial.density.image),
+            best: finite(fit.best.density.image),
+        },
+        pixel_rmse: BeforeAfter {
+            initial: fit.initial_quality.pixel_rmse,
+            best: fit.best_quality.pixel_rmse,
+        },
+        landmark_rmse_px: fit.best_quality.landmark_rmse,
+        proposals: fit
+            .acceptance
+            .iter()
+            .map(|a| Proposal {
+                stage: match a.stage {
+                    chain::Stage::Landmarks => Stage::Landmarks,
+                    chain::Stage::Image => Stage::Image,
+                },
+                name: a.name.into(),
+                proposed: a.tally.proposed.into(),
+                accepted: a.tally.accepted.into(),
+                search: a.search,
+            })
+            .collect(),
+        trace: fit.trace.clone(),
+        parameters,
+    };
+    let mesh = render::instance(job.model, &fit.best.scene.shape, &fit.best.scene.albedo);
+    Ok(Finished { mesh, pictures: pictures(job, fit, &summary.parameters)?, summary })
+}
+
+/// JSON holds no infinities: a state that shows nothing of the model has the lowest number.
+fn finite(x: f64) -> f64 {
+    x.max(f64::MIN)
+}
+
+fn pictures(job: &Job<'_>, fit: &Fit, in_photo: &Scene) -> Result<Pictures> {
+    let longer = fit.crop.scaled_to[0].max(fit.crop.scaled_to[1]).max(1);
+    let shown = |side: u32| (side * SIDE).div_ceil(longer).max(1);
+    let crop = Crop { scaled_to: fit.crop.scaled_to.map(shown), ..fit.crop };
+    let photo = crop.cut(job.photo)?;
+    let mut scene = fit.best.scene.clone();
+    scene.camera.image_size = crop.scaled_to;
+    let sides = SIDES.map(|yaw| side_view(job.model, &scene, yaw));
+    Ok(Pictures {
+        on_photo: render::draw_over(job.model, &scene, &photo)?,
+        alone: render::draw_on(job.model, &scene, render::GROUND),
+        sides: sides.into(),
+        whole: render::draw_over(job.model, in_photo, job.photo)?,
+        photo,
+    })
+}
+
+/// The fitted face turned, upright, under frontal light.
+fn side_view(model: &Model<'_>, fitted: &Scene, yaw: f32) -> Picture {
+    let portrait = render::portrait(model, [SIDE; 2], yaw, 0.0);
+    let scene = Scene { shape: fitted.shape.clone(), albedo: fitted.albedo.clone(), ..portrait };
+    render::draw_on(model, &scene, render::GROUND)
+}
+
+impl Pictures {
+    /// `photo | model on photo | model alone | side views`.
+    pub fn overlay(&self) -> Picture {
+        picture::overlay(&self.photo, &self.on_photo, &self.alone, &self.sides)
+    }
+}
+
+/// Writes `fit.json`, `fit.rps`, `mesh.ply`, `mesh.glb`, `overlay.png` and `photo.png`.
+///
+/// # Errors
+/// Files that cannot be written.
+pub fn write(directory: &Path, result: &Finished) -> Result<()> {
+    let put = |name: &str, bytes: &[u8]| {
+        write_atomically(&directory.join(name), |out| out.write_all(bytes))
+    };
+    put("fit.json", result.summary.to_json()?.as_bytes())?;
+    let rps = Rps {
+        scene: result.summary.parameters.clone(),
+        model_uri: result.summary.model.file.clone(),
+    };
+    put("fit.rps", rps.to_text()?.as_bytes())?;
+    write_atomically(&directory.join("mesh.ply"), |out| {
+        ply::write(out, &result.mesh, Encoding::default())
+    })?;
+    put("mesh.glb", &glb::encode(&result.mesh, "fitted face")?)?;
+    result.pictures.overlay().write_png(&directory.join("overlay.png"))?;
+    result.pictures.whole.write_png(&directory.join("photo.png"))
+}
+
+/// One line that says how the fit went.
+pub fn closing_line(summary: &Summary) -> String {
+    format!(
+        "{}: pixel error {:.4} -> {:.4}, landmarks {:.1} px, {:.0} steps/s, fingerprint {}",
+        summary.image.file,
+        summary.pixel_rmse.initial,
+        summary.pixel_rmse.best,
+        summary.landmark_rmse_px,
+        summary.steps_per_second,
+        summary.fingerprint
+    )
+}

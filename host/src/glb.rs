@@ -1,0 +1,230 @@
+//! Binary glTF 2.0 (`.glb`) of a coloured mesh, for viewers and web pages.
+
+use crate::error::{Error, Result};
+use crate::mesh::Mesh;
+use onescan_core::math;
+use serde_json::json;
+
+/// glTF's names for what the buffers hold.
+mod gl {
+    pub(super) const UNSIGNED_SHORT: u32 = 5123;
+    pub(super) const UNSIGNED_INT: u32 = 5125;
+    pub(super) const FLOAT: u32 = 5126;
+    pub(super) const ARRAY_BUFFER: u32 = 34962;
+    pub(super) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+}
+
+/// Metres (glTF's unit) in a millimetre (ours).
+const METRE: f32 = 0.001;
+
+/// The bytes of a `.glb` file with positions in metres, normals, and colours per vertex.
+///
+/// Colours are stored linear, as glTF wants them, in 16 bits: 8-bit sRGB survives exactly and the
+/// file has the same bytes everywhere. The material is fully rough, not metallic and seen from
+/// both sides (a face is an open surface). It is lit, not `KHR_materials_unlit`: the colours are
+/// albedo, which under the viewer's light shows the form; unlit, a face looks like a flat mask.
+///
+/// # Errors
+/// A mesh without vertices or triangles, or too large for the format (4 GiB).
+pub fn encode(mesh: &Mesh, name: &str) -> Result<Vec<u8>> {
+    if mesh.points.is_empty() || mesh.triangles.is_empty() {
+        return Err(Error::new("a mesh without triangles cannot be written as glTF"));
+    }
+    let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| p.map(|x| x * METRE)).collect();
+    let colors: Vec<[u16; 4]> = mesh.colors.iter().map(|&c| linear(c)).collect();
+    let normals = normals(&mesh.points, &mesh.triangles);
+    let parts: [&[u8]; 4] = [
+        bytemuck::cast_slice(&points),
+        bytemuck::cast_slice(&normals),
+        bytemuck::cast_slice(&colors),
+        bytemuck::cast_slice(&mesh.triangles),
+    ];
+    // Every part is a multiple of four bytes long, so each is aligned and none needs padding.
+    let mut binary = Vec::new();
+    let mut views = Vec::new();
+    for (i, part) in parts.into_iter().enumerate() {
+        let target = if i == 3 { gl::ELEMENT_ARRAY_BUFFER } else { gl::ARRAY_BUFFER };
+        views.push(json!({
+            "buffer": 0, "byteOffset": binary.len(), "byteLength": part.len(), "target": target,
+        }));
+        binary.extend_from_slice(part);
+    }
+    // Doubles, so that the decimals are those of exactly these floats.
+    let bound = |pick: fn(f32, f32) -> f32| {
+        [0, 1, 2].map(|i| f64::from(points.iter().map(|p| p[i]).fold(points[0][i], pick)))
+    };
+    let count = points.len();
+    let document = json!({
+        "asset": {
+            "version": "2.0",
+            "generator": concat!("onescan ", env!("CARGO_PKG_VERSION")),
+        },
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "name": name, "mesh": 0 }],
+        "meshes": [{ "name": name, "primitives": [{
+            "attributes": { "POSITION": 0, "NORMAL": 1, "COLOR_0": 2 },
+            "indices": 3,
+            "material": 0,
+        }] }],
+        "materials": [{
+            "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 },
+            "doubleSided": true,
+        }],
+        "accessors": [
+            {
+                "bufferView": 0, "componentType": gl::FLOAT, "type": "VEC3", "count": count,
+                "min": bound(f32::min), "max": bound(f32::max),
+            },
+            { "bufferView": 1, "componentType": gl::FLOAT, "type": "VEC3", "count": count },
+            {
+                "bufferView": 2, "componentType": gl::UNSIGNED_SHORT, "normalized": true,
+                "type": "VEC4", "count": count,
+            },
+            {
+                "bufferView": 3, "componentType": gl::UNSIGNED_INT, "type": "SCALAR",
+                "count": 3 * mesh.triangles.len(),
+            },
+        ],
+        "bufferViews": views,
+        "buffers": [{ "byteLength": binary.len() }],
+    });
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    container(&text, &binary)
+}
+
+/// Header, JSON chunk, binary chunk; both chunks already padded to four bytes.
+fn container(text: &[u8], binary: &[u8]) -> Result<Vec<u8>> {
+    let total = 12 + 8 + text.len() + 8 + binary.len();
+    let length = |bytes: usize| {
+        u32::try_from(bytes)
+            .map(u32::to_le_bytes)
+            .map_err(|_| Error::new("the mesh needs more than the 4 GiB of a .glb file"))
+    };
+    let mut out = Vec::with_capacity(total);
+    out.extend_from_slice(b"glTF\x02\0\0\0");
+    out.extend_from_slice(&length(total)?);
+    for (kind, chunk) in [(b"JSON", text), (b"BIN\0", binary)] {
+        out.extend_from_slice(&length(chunk.len())?);
+        out.extend_from_slice(kind);
+        out.extend_from_slice(chunk);
+    }
+    Ok(out)
+}
+
+/// Unit normal per vertex: the mean of the unit normals of its triangles, as the renderer has
+/// it; `+z` where there is none, since glTF wants unit length.
+fn normals(points: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<[f32; 3]> {
+    let mut sums = vec![[0.0_f32; 3]; points.len()];
+    for corners in triangles {
+        let [a, b, c] = corners.map(|i| points[i as usize]);
+        let (u, v): ([f32; 3], [f32; 3]) =
+            (std::array::from_fn(|i| b[i] - a[i]), std::array::from_fn(|i| c[i] - a[i]));
+        let cross =
+            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let Some(normal) = unit(cross) else { continue };
+        for i in corners {
+            let sum = &mut sums[*i as usize];
+            *sum = std::array::from_fn(|k| sum[k] + normal[k]);
+        }
+    }
+    sums.into_iter().map(|sum| unit(sum).unwrap_or([0.0, 0.0, 1.0])).collect()
+}
+
+/// `v / |v|`; `None` where the length is zero or overflows.
+fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
+    let v = v.map(f64::from);
+    let length = math::sqrt_f64(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    (length > 0.0).then(|| v.map(|x| (x / length) as f32))
+}
+
+/// An sRGB colour as linear 16-bit RGBA: `((c + 0.055)/1.055)^2.4`, `c/12.92` up to 0.04045
+/// (IEC 61966-2-1).
+fn linear(color: [f32; 3]) -> [u16; 4] {
+    let [r, g, b] = color.map(|c| {
+        let c = f64::from(c.clamp(0.0, 1.0));
+        let value =
+            if c <= 0.04045 { c / 12.92 } else { math::exp(2.4 * math::ln((c + 0.055) / 1.055)) };
+        (value * 65535.0 + 0.5) as u16
+    });
+    [r, g, b, u16::MAX]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tetrahedron() -> Mesh {
+        Mesh {
+            points: vec![
+                [0., 0., 0.],
+                [100., 0., 0.],
+                [0., 70.1, 0.],
+                [0., 0., -33.3],
+                [1., 1., 1.],
+            ],
+            colors: vec![[0.0; 3], [1.0; 3], [0.5, 0.25, 0.02], [2.0, -1.0, 0.5], [0.1; 3]],
+            triangles: vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]],
+        }
+    }
+
+    #[test]
+    fn another_reader_finds_the_mesh() {
+        let mesh = tetrahedron();
+        let glb = encode(&mesh, "a \"face\"\n").unwrap();
+        // The reader validates indices, bounds and required fields.
+        let gltf = gltf::Gltf::from_slice(&glb).unwrap();
+        let blob = gltf.blob.clone().unwrap();
+        let primitive = gltf.meshes().next().unwrap().primitives().next().unwrap();
+        let reader = primitive.reader(|_| Some(&blob));
+        let points: Vec<[f32; 3]> = reader.read_positions().unwrap().collect();
+        assert_eq!(points, mesh.points.iter().map(|p| p.map(|x| x * METRE)).collect::<Vec<_>>());
+        let bounds = primitive.bounding_box();
+        assert_eq!((bounds.min, bounds.max[1]), ([0.0, 0.0, -33.3 * METRE], 70.1 * METRE));
+        let indices: Vec<u32> = reader.read_indices().unwrap().into_u32().collect();
+        assert_eq!(indices, mesh.triangles.as_flattened());
+        let normals: Vec<[f32; 3]> = reader.read_normals().unwrap().collect();
+        for n in &normals {
+            assert!((n.iter().map(|x| x * x).sum::<f32>() - 1.0).abs() < 1e-6);
+        }
+        assert!(normals[4][2] > 0.99, "the loose vertex has some normal");
+        let colors: Vec<[u16; 3]> = reader.read_colors(0).unwrap().into_rgb_u16().collect();
+        assert_eq!(colors[1], [65535; 3]);
+        // sRGB one half is 0.21404 linear.
+        assert_eq!(colors[2][0], (0.214_041_14_f64 * 65535.0).round() as u16);
+        assert_eq!(colors[3][..2], [65535, 0]);
+        assert!(primitive.material().double_sided());
+    }
+
+    #[test]
+    fn chunks_and_views_are_aligned() {
+        for name in ["", "a", "ab", "abc"] {
+            let glb = encode(&tetrahedron(), name).unwrap();
+            let word = |at: usize| u32::from_le_bytes(glb[at..at + 4].try_into().unwrap()) as usize;
+            assert_eq!(word(8), glb.len());
+            let text = word(12);
+            assert_eq!((text % 4, &glb[16..20]), (0, &b"JSON"[..]));
+            assert_eq!(20 + text + 8 + word(20 + text), glb.len());
+            let gltf = gltf::Gltf::from_slice(&glb).unwrap();
+            assert!(gltf.views().all(|view| view.offset() % 4 == 0));
+        }
+    }
+
+    #[test]
+    fn eight_bit_colours_survive_the_linear_detour() {
+        let back = |v: u16| {
+            let v = f64::from(v) / 65535.0;
+            let c = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+            (c * 255.0).round() as u8
+        };
+        for byte in 0..=255_u8 {
+            assert_eq!(back(linear([f32::from(byte) / 255.0; 3])[0]), byte);
+        }
+    }
+
+    #[test]
+    fn an_empty_mesh_is_refused() {
+        assert!(encode(&Mesh { triangles: vec![], ..tetrahedron() }, "x").is_err());
+    }
+}

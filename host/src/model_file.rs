@@ -1,0 +1,230 @@
+//! `.3dmm` files in memory: laying out their bytes, reading and writing them.
+//!
+//! The layout is documented with its reader, [`onescan_core::model`].
+
+use crate::decompose::Decomposition;
+use crate::error::{Error, Result};
+use crate::files::write_atomically;
+use crate::landmarks::Landmark;
+use crate::mesh::Mesh;
+use onescan_core::basis::{LANES, padded};
+use onescan_core::hash::fnv64;
+use onescan_core::model::{
+    CHECKED_FROM, HEADER_BYTES, MAGIC, Model, SECTION_ALIGN, Section, TABLE_AT, VERSION,
+};
+use rayon::prelude::*;
+use std::io::Write;
+use std::path::Path;
+
+/// A model with its memory: checked `.3dmm` bytes, aligned for a view.
+#[derive(Clone, Debug)]
+pub struct OwnedModel {
+    words: Vec<u32>,
+    bytes: usize,
+}
+
+impl OwnedModel {
+    /// Copies bytes into aligned memory and checks them.
+    ///
+    /// # Errors
+    /// Those of [`Model::new_checked`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let mut words = vec![0; bytes.len().div_ceil(4)];
+        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        let model = Self { words, bytes: bytes.len() };
+        Model::new_checked(model.bytes()).map_err(Error::new)?;
+        Ok(model)
+    }
+
+    /// A model of one mesh that never deviates from it: for drawing the mesh.
+    ///
+    /// # Errors
+    /// None for a mesh that keeps its guarantees.
+    pub fn rigid(mesh: &Mesh, landmarks: &[Landmark]) -> Result<Self> {
+        let parts = ModelParts {
+            shape: Half { mean: &mesh.points, deviation: &Decomposition::NONE },
+            albedo: Half { mean: &mesh.colors, deviation: &Decomposition::NONE },
+            triangles: &mesh.triangles,
+            landmarks,
+            provenance: "",
+        };
+        Self::from_bytes(&parts.to_bytes()?)
+    }
+
+    /// Reads a model file.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is not a model; they name the file.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+        Self::from_bytes(&bytes).map_err(|e| Error::file(path, e))
+    }
+
+    /// Writes the model file, whole or not at all.
+    ///
+    /// # Errors
+    /// See [`write_atomically`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        write_atomically(path, |out| out.write_all(self.bytes()))
+    }
+
+    /// The bytes of the file, starting at a multiple of four.
+    pub fn bytes(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.words)[..self.bytes]
+    }
+
+    /// The model. Checks the bytes once more (some 1 ns each), so make it once and keep it.
+    ///
+    /// # Panics
+    /// Never: the bytes were checked when they came in.
+    pub fn view(&self) -> Model<'_> {
+        Model::new_checked(self.bytes()).expect("bytes checked on entry")
+    }
+}
+
+/// One half of a model: a mean and the eigenpairs of its covariance, over the same vertices.
+pub struct Half<'a> {
+    /// Mean per vertex: positions in millimetres or RGB in `[0, 1]`.
+    pub mean: &'a [[f32; 3]],
+    /// What instances add to it.
+    pub deviation: &'a Decomposition,
+}
+
+/// Everything a model file holds.
+pub struct ModelParts<'a> {
+    /// Shape.
+    pub shape: Half<'a>,
+    /// Albedo, over as many vertices.
+    pub albedo: Half<'a>,
+    /// Faces, indices below the number of vertices, at least one.
+    pub triangles: &'a [[u32; 3]],
+    /// Landmarks, vertices in range.
+    pub landmarks: &'a [Landmark],
+    /// `key = value` lines.
+    pub provenance: &'a str,
+}
+
+impl ModelParts<'_> {
+    /// The bytes of the model file.
+    ///
+    /// # Errors
+    /// When a basis exceeds the 4 GiB a section may have.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        let vertices = self.shape.mean.len();
+        let small = vertices <= 1 << 16;
+        let triangles = self.triangles.as_flattened();
+        let corners: Vec<u8> = if small {
+            triangles.iter().flat_map(|&v| (v as u16).to_le_bytes()).collect()
+        } else {
+            triangles.iter().flat_map(|v| v.to_le_bytes()).collect()
+        };
+        let (landmarks, names) = self.named();
+        // In the order of `Section::ALL`.
+        let sections: [Vec<u8>; Section::ALL.len()] = [
+            little_endian(&self.shape.mean()),
+            little_endian(&self.shape.columns()),
+            little_endian(&self.shape.variances()),
+            little_endian(&self.albedo.mean()),
+            little_endian(&self.albedo.columns()),
+            little_endian(&self.albedo.variances()),
+            corners,
+            landmarks.iter().flat_map(|v| v.to_le_bytes()).collect(),
+            names.into_bytes(),
+            self.provenance.as_bytes().to_vec(),
+        ];
+
+        let mut bytes = vec![0; HEADER_BYTES];
+        for (i, section) in sections.into_iter().enumerate() {
+            bytes.resize(bytes.len().next_multiple_of(SECTION_ALIGN), 0);
+            let length = u32::try_from(section.len()).map_err(|_| {
+                Error::new(format_args!(
+                    "a basis of {} bytes is more than a model file holds; ask for a lower rank",
+                    section.len()
+                ))
+            })?;
+            let (entry, start) = (TABLE_AT + 8 * i, (bytes.len() / SECTION_ALIGN) as u32);
+            put(&mut bytes, entry, &start.to_le_bytes());
+            put(&mut bytes, entry + 4, &length.to_le_bytes());
+            bytes.extend(section);
+        }
+
+        put(&mut bytes, 0, &MAGIC);
+        for (offset, value) in [
+            (8, VERSION),
+            (12, vertices as u32),
+            (32, self.triangles.len() as u32),
+            (36, self.shape.deviation.rank() as u32),
+            (40, self.albedo.deviation.rank() as u32),
+            (44, self.landmarks.len() as u32),
+            (48, if small { 2 } else { 4 }),
+        ] {
+            put(&mut bytes, offset, &value.to_le_bytes());
+        }
+        put(&mut bytes, 56, &self.shape.deviation.total_variance.to_le_bytes());
+        put(&mut bytes, 64, &self.albedo.deviation.total_variance.to_le_bytes());
+        let length = bytes.len() as u64;
+        put(&mut bytes, 24, &length.to_le_bytes());
+        let checksum = fnv64(&bytes[CHECKED_FROM..]);
+        put(&mut bytes, 16, &checksum.to_le_bytes());
+        Ok(bytes)
+    }
+
+    /// Landmarks as (vertex, name offset, name length), and the names end to end.
+    fn named(&self) -> (Vec<u32>, String) {
+        let (mut table, mut names) = (Vec::new(), String::new());
+        for Landmark { name, vertex } in self.landmarks {
+            table.extend([*vertex, names.len() as u32, name.len() as u32]);
+            names.push_str(name);
+        }
+        (table, names)
+    }
+}
+
+impl Half<'_> {
+    /// The mean as a field: three planes, padded with zeros.
+    fn mean(&self) -> Vec<f32> {
+        let plane = padded(self.mean.len());
+        let mut field = vec![0.0; 3 * plane];
+        for (i, value) in self.mean.iter().enumerate() {
+            for (channel, v) in value.iter().enumerate() {
+                field[channel * plane + i] = *v;
+            }
+        }
+        field
+    }
+
+    /// Columns `√λ_k·u_k` in blocks of [`LANES`] field entries, component after component.
+    fn columns(&self) -> Vec<f32> {
+        let rank = self.deviation.rank();
+        let plane_blocks = padded(self.mean.len()) / LANES;
+        let mut columns = vec![0.0; 3 * plane_blocks * rank * LANES];
+        let components: Vec<_> = (0..rank)
+            .map(|k| (self.deviation.variances[k].sqrt(), self.deviation.column(k)))
+            .collect();
+        columns.par_chunks_mut((rank * LANES).max(1)).enumerate().for_each(|(block, out)| {
+            let (channel, first) = (block / plane_blocks, block % plane_blocks * LANES);
+            for ((deviation, (direction, vector)), lanes) in
+                components.iter().zip(out.chunks_exact_mut(LANES))
+            {
+                let factor = deviation * direction[channel];
+                for (out, u) in lanes.iter_mut().zip(&vector[first..]) {
+                    *out = (factor * u) as f32;
+                }
+            }
+        });
+        columns
+    }
+
+    fn variances(&self) -> Vec<f32> {
+        self.deviation.variances.iter().map(|&v| v as f32).collect()
+    }
+}
+
+/// The core reads numbers in place, so machines are as little-endian as files.
+fn little_endian(values: &[f32]) -> Vec<u8> {
+    bytemuck::cast_slice(values).to_vec()
+}
+
+fn put(bytes: &mut [u8], offset: usize, value: &[u8]) {
+    bytes[offset..offset + value.len()].copy_from_slice(value);
+}

@@ -1,0 +1,110 @@
+//! Pictures and meshes of a model, in owned memory.
+
+use crate::error::{Error, Result};
+use crate::mesh::Mesh;
+use crate::model_file::OwnedModel;
+use crate::picture::Picture;
+use onescan_core::basis::{Basis, field_len};
+use onescan_core::mesh::vertex;
+use onescan_core::model::Model;
+use onescan_core::render;
+use onescan_core::rng::Rng;
+use onescan_core::scene::{Camera, Coefficients, Pose, Scene};
+
+/// What stands behind a model drawn alone.
+pub const GROUND: [u8; 3] = [255; 3];
+
+/// Draws the model under a hypothesis over `background`, which has the size of the scene's
+/// camera. Colours are clamped to `[0, 1]`.
+///
+/// # Errors
+/// A background of another size.
+pub fn draw_over(model: &Model<'_>, scene: &Scene, background: &Picture) -> Result<Picture> {
+    let [width, height] = scene.camera.image_size;
+    let mut pixels = background.to_unit();
+    let words = render::draw_words(model.vertices(), width as usize, height as usize);
+    let mut memory = vec![0; words];
+    render::draw(model, scene, &mut memory, &mut pixels).ok_or_else(|| {
+        Error::new(format_args!(
+            "the camera's picture is {width}×{height}, the background {}×{}",
+            background.width, background.height
+        ))
+    })?;
+    Ok(Picture::from_unit(width, height, &pixels))
+}
+
+/// Draws the model over a plain colour.
+pub fn draw_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
+    let [width, height] = scene.camera.image_size;
+    let background = Picture::filled(width, height, ground);
+    // The background was made to the camera's size.
+    draw_over(model, scene, &background).unwrap_or(background)
+}
+
+/// Draws a mesh over a plain colour. `scene` gives everything but the coefficients.
+///
+/// # Errors
+/// A mesh that breaks its guarantees.
+pub fn draw_mesh(mesh: &Mesh, scene: &Scene, ground: [u8; 3]) -> Result<Picture> {
+    let rigid = OwnedModel::rigid(mesh, &[])?;
+    let scene = Scene { shape: Coefficients::new(), albedo: Coefficients::new(), ..scene.clone() };
+    Ok(draw_on(&rigid.view(), &scene, ground))
+}
+
+/// Standard normal coefficients.
+pub fn random_coefficients(count: usize, rng: &mut Rng) -> Vec<f32> {
+    (0..count).map(|_| rng.normal() as f32).collect()
+}
+
+/// The camera for a picture of another size: the same view across the shorter side, pixels square.
+pub fn resize_camera(camera: &Camera, size: [u32; 2]) -> Camera {
+    // Focal length in units of half the shorter side stays.
+    let short = |size: [u32; 2]| size[0].min(size[1]) as f32;
+    let per_pixel = camera.sensor[0] / camera.image_size[0] as f32 * short(camera.image_size);
+    Camera {
+        sensor: size.map(|side| per_pixel * side as f32 / short(size)),
+        image_size: size,
+        ..*camera
+    }
+}
+
+/// A scene that shows the whole model upright under frontal light, turned by `yaw` and `pitch`
+/// radians, in a picture of the given size.
+///
+/// The object's bounding sphere fills most of the shorter side, whatever its size.
+pub fn portrait(model: &Model<'_>, size: [u32; 2], yaw: f32, pitch: f32) -> Scene {
+    let mean = model.shape.mean();
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for v in 0..model.vertices() {
+        for (axis, x) in vertex(mean, v).into_iter().enumerate() {
+            low[axis] = low[axis].min(x);
+            high[axis] = high[axis].max(x);
+        }
+    }
+    let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * (low[i] + high[i]));
+    let half = 0.5 * (high[0] - low[0]).max(high[1] - low[1]).max(1e-3);
+    let mut scene = Scene::initial(size[0], size[1], 0, 0);
+    scene.pose = Pose { yaw, pitch, ..Pose::AWAY_1M };
+    // Ten half-sizes away, the reference engine's 7.5 mm lens sees 1.33 half-sizes each way.
+    let turned =
+        scene.pose.rotation().map(|r| r[0] * centre[0] + r[1] * centre[1] + r[2] * centre[2]);
+    scene.pose.translation = [-turned[0], -turned[1], -turned[2] - 10.0 * half];
+    scene.camera = Camera { focal_length: 8.8, near: half, ..scene.camera };
+    scene
+}
+
+/// The mesh of coefficients: vertex positions in the model's frame, albedo as colours (clamped to
+/// `[0, 1]`).
+pub fn instance(model: &Model<'_>, shape: &[f32], albedo: &[f32]) -> Mesh {
+    let field = |basis: &Basis<'_>, coefficients: &[f32]| {
+        let mut field = vec![0.0; field_len(model.vertices())];
+        basis.instance(coefficients, &mut field);
+        (0..model.vertices()).map(|v| vertex(&field, v)).collect::<Vec<_>>()
+    };
+    let colors = field(&model.albedo, albedo);
+    Mesh {
+        points: field(&model.shape, shape),
+        colors: colors.into_iter().map(|c| c.map(|x| x.clamp(0.0, 1.0))).collect(),
+        triangles: (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
+    }
+}

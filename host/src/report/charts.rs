@@ -1,0 +1,210 @@
+//! Small charts as inline SVG; colours and type come from the page's style sheet.
+
+use super::words::{Escaped, number};
+use std::fmt::Write as _;
+
+/// Size of a chart: narrow enough that its text stays readable on a phone.
+const WIDTH: f64 = 440.0;
+const HEIGHT: f64 = 230.0;
+/// Room around the plot for labels: left, top, right, bottom.
+const MARGIN: [f64; 4] = [66.0, 10.0, 22.0, 38.0];
+
+/// Where data lies on the page: linear on both axes.
+struct Axes {
+    x: (f64, f64),
+    y: (f64, f64),
+}
+
+impl Axes {
+    fn px(&self, x: f64) -> f64 {
+        let part = (x - self.x.0) / (self.x.1 - self.x.0);
+        MARGIN[0] + part * (WIDTH - MARGIN[0] - MARGIN[2])
+    }
+
+    fn py(&self, y: f64) -> f64 {
+        let part = (y - self.y.0) / (self.y.1 - self.y.0);
+        HEIGHT - MARGIN[3] - part * (HEIGHT - MARGIN[1] - MARGIN[3])
+    }
+
+    /// Opening tag, grid lines, tick labels and axis titles.
+    fn frame(&self, description: &str, x_title: &str, x_ticks: &[f64], y_ticks: &[f64]) -> String {
+        let mut svg = format!(
+            "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
+            Escaped(description)
+        );
+        let (left, right) = (MARGIN[0], WIDTH - MARGIN[2]);
+        let bottom = HEIGHT - MARGIN[3];
+        let step = y_ticks.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::MAX, f64::min);
+        let decimals = usize::from(step < 1.0) + usize::from(step < 0.1);
+        for &tick in y_ticks {
+            let y = self.py(tick);
+            put(
+                &mut svg,
+                format_args!(
+                    "<line class=\"grid\" x1=\"{left}\" x2=\"{right}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>\
+                     <text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
+                    left - 7.0,
+                    y + 4.0,
+                    number(tick, decimals)
+                ),
+            );
+        }
+        for &tick in x_ticks {
+            let x = self.px(tick);
+            put(
+                &mut svg,
+                format_args!(
+                    "<line class=\"axis\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{bottom}\" y2=\"{}\"/>\
+                     <text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+                    bottom + 4.0,
+                    bottom + 17.0,
+                    number(tick, 0)
+                ),
+            );
+        }
+        put(
+            &mut svg,
+            format_args!(
+                "<line class=\"axis\" x1=\"{left}\" x2=\"{right}\" y1=\"{bottom}\" y2=\"{bottom}\"/>\
+                 <text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+                f64::midpoint(left, right),
+                HEIGHT - 4.0,
+                Escaped(x_title)
+            ),
+        );
+        svg
+    }
+}
+
+/// A line through `(x, y)` points, x rising, with a dot at the highest.
+///
+/// The steep start of a search would flatten all that follows, so the y axis begins at the lowest
+/// value after the first twentieth of the points; the line is cut there.
+/// `None` with fewer than two points.
+pub(super) fn line(description: &str, x_title: &str, points: &[(f64, f64)]) -> Option<String> {
+    let (first, last) = (points.first()?.0, points.last()?.0);
+    if first >= last {
+        return None;
+    }
+    let settled = &points[points.len() / 20..];
+    let low = settled.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+    let best = points.iter().fold(points[0], |a, b| if b.1 > a.1 { *b } else { a });
+    let high = best.1.max(low + 1e-6 * low.abs().max(1.0));
+    let pad = 0.06 * (high - low);
+    let axes = Axes { x: (first, last), y: (low - pad, high + pad) };
+    let mut svg = axes.frame(description, x_title, &ticks(axes.x), &ticks(axes.y));
+    let (width, height) = (WIDTH - MARGIN[0] - MARGIN[2], HEIGHT - MARGIN[1] - MARGIN[3]);
+    // A nested picture cuts off what leaves it.
+    put(
+        &mut svg,
+        format_args!(
+            "<svg x=\"{0}\" y=\"{1}\" width=\"{width}\" height=\"{height}\" \
+             viewBox=\"{0} {1} {width} {height}\"><polyline class=\"trace\" points=\"",
+            MARGIN[0], MARGIN[1]
+        ),
+    );
+    for &(x, y) in points {
+        // Far below is far enough; SVG readers may stumble over huge numbers.
+        put(&mut svg, format_args!("{:.1},{:.1} ", axes.px(x), axes.py(y).min(4.0 * HEIGHT)));
+    }
+    put(
+        &mut svg,
+        format_args!(
+            "\"/></svg><circle class=\"best\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"3.5\"/></svg>",
+            axes.px(best.0),
+            axes.py(best.1)
+        ),
+    );
+    Some(svg)
+}
+
+/// One bar per value, up or down from zero; the axis spans at least −3 to 3. `None` without
+/// values.
+pub(super) fn bars(description: &str, x_title: &str, values: &[f32]) -> Option<String> {
+    if values.is_empty() {
+        return None;
+    }
+    let reach = values.iter().fold(3.0, |reach, v| f64::from(v.abs()).ceil().max(reach));
+    let axes = Axes { x: (0.5, values.len() as f64 + 0.5), y: (-reach, reach) };
+    let numbers: Vec<f64> = ticks(axes.x).into_iter().filter(|&t| t >= 1.0).collect();
+    let mut svg = axes.frame(description, x_title, &numbers, &ticks(axes.y));
+    let width = (axes.px(2.0) - axes.px(1.0)) * 0.72;
+    for (i, &value) in values.iter().enumerate() {
+        let (a, b) = (axes.py(0.0), axes.py(f64::from(value)));
+        put(
+            &mut svg,
+            format_args!(
+                "<rect class=\"bar\" x=\"{:.1}\" y=\"{:.1}\" width=\"{width:.1}\" height=\"{:.1}\"/>",
+                axes.px(i as f64 + 1.0) - 0.5 * width,
+                a.min(b),
+                (a - b).abs()
+            ),
+        );
+    }
+    let zero = axes.py(0.0);
+    put(
+        &mut svg,
+        format_args!(
+            "<line class=\"axis\" x1=\"{}\" x2=\"{}\" y1=\"{zero:.1}\" y2=\"{zero:.1}\"/></svg>",
+            MARGIN[0],
+            WIDTH - MARGIN[2]
+        ),
+    );
+    Some(svg)
+}
+
+/// Three to six round numbers (1, 2 or 5 times a power of ten apart) within a range.
+fn ticks((low, high): (f64, f64)) -> Vec<f64> {
+    let aim = (high - low) / 5.0;
+    if !(aim > 0.0 && aim.is_finite()) {
+        return Vec::new();
+    }
+    let mut power = 1.0;
+    while power * 10.0 <= aim {
+        power *= 10.0;
+    }
+    while power > aim {
+        power /= 10.0;
+    }
+    let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= aim);
+    let step = step.unwrap_or(aim);
+    let first = (low / step).ceil();
+    // Adding zero turns −0 into 0.
+    (0..7).map(|i| (first + f64::from(i)) * step + 0.0).filter(|t| *t <= high).collect()
+}
+
+fn put(out: &mut String, text: std::fmt::Arguments<'_>) {
+    // Writing to a string cannot fail.
+    let _ = out.write_fmt(text);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        assert_eq!(ticks((0.0, 5000.0)), [0.0, 1000.0, 2000.0, 3000.0, 4000.0, 5000.0]);
+        assert_eq!(ticks((-3.0, 3.0)), [-2.0, 0.0, 2.0]);
+        assert_eq!(ticks((-104_000.0, -98_000.0)).len(), 4);
+        assert!(ticks((1.0, 1.0)).is_empty());
+        assert!(ticks((0.0, f64::INFINITY)).is_empty());
+    }
+
+    #[test]
+    fn a_steep_start_does_not_flatten_the_chart() {
+        let mut points: Vec<_> = (0..100).map(|i| (f64::from(i), 10.0 + f64::from(i))).collect();
+        points[0].1 = -1e9;
+        let svg = line("trace", "step", &points).unwrap();
+        assert!(svg.contains(">100</text>") && !svg.contains("000"), "{svg}");
+    }
+
+    #[test]
+    fn too_little_data_gives_no_chart() {
+        assert!(line("", "", &[]).is_none());
+        assert!(line("", "", &[(1.0, 2.0), (1.0, 3.0)]).is_none());
+        assert!(bars("", "", &[]).is_none());
+        assert!(line("", "", &[(1.0, 2.0), (2.0, 2.0)]).is_some());
+        assert!(bars("", "", &[0.5]).is_some());
+    }
+}

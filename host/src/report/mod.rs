@@ -1,0 +1,436 @@
+//! `report.html`: one self-contained page that shows a fit, or a whole demo, to a stranger.
+
+mod charts;
+mod tables;
+mod words;
+
+use crate::error::{Error, Result};
+use crate::fit::output::Finished;
+use crate::picture::Picture;
+use crate::summary::{Proposal, Stage, Summary};
+use onescan_core::scene::Scene;
+use std::fmt::{self, Write};
+use std::path::Path;
+use tables::{Rows, key_figures, provenance_facts, scene_facts};
+use words::{Escaped, address, base64, likelihood, number, percent};
+
+/// Longest side of the whole photo on the page, pixels.
+const WHOLE_SIDE: u32 = 768;
+/// Coefficients shown of each half of the model.
+const SHOWN: usize = 50;
+
+/// The page of one fit. Links point to the files beside it; `provenance` is the model's
+/// (`key = value` lines).
+///
+/// # Errors
+/// A picture without pixels.
+pub fn fit_report(result: &Finished, provenance: &str) -> Result<String> {
+    let file = &result.summary.image.file;
+    let page = Page {
+        title: format!("3D reconstruction of {file}"),
+        lead: "One photo, and a model made from a single 3D scan: the shape, colour, pose and \
+               light that explain the picture.",
+        samples: None,
+        fits: vec![Section::new(result, "", String::new())?],
+        provenance,
+    };
+    page.html()
+}
+
+/// The page of a demo: random `samples` of the model on one sheet, then each fit with a sentence
+/// about its photo. A fit's files are linked in a directory named like its photo, extension cut.
+///
+/// # Errors
+/// A picture without pixels.
+pub fn demo_report(
+    results: &[(Finished, &str)],
+    samples: &Picture,
+    provenance: &str,
+) -> Result<String> {
+    let fits = results
+        .iter()
+        .map(|(result, about)| {
+            let file = Path::new(&result.summary.image.file);
+            let folder = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            Section::new(result, about, folder)
+        })
+        .collect::<Result<_>>()?;
+    let page = Page {
+        title: "A face model from one scan".to_owned(),
+        lead: "A single 3D scan became a model of many faces; the model then found the faces in \
+               photos it had never seen. No data set and no training came in between.",
+        samples: Some(Figure::new(
+            samples,
+            "Rendered faces that differ in shape and skin colour",
+            "Random draws from the model. Each is the one scan it was made from, deformed and \
+             recoloured by smooth random fields.",
+        )?),
+        fits,
+        provenance,
+    };
+    page.html()
+}
+
+/// A picture ready for the page.
+struct Figure {
+    png: String,
+    width: u32,
+    height: u32,
+    alt: String,
+    caption: &'static str,
+}
+
+impl Figure {
+    fn new(picture: &Picture, alt: impl Into<String>, caption: &'static str) -> Result<Self> {
+        let png = base64(&picture.to_png()?);
+        let (width, height) = (picture.width, picture.height);
+        Ok(Self { png, width, height, alt: alt.into(), caption })
+    }
+
+    fn write(&self, f: &mut impl Write) -> fmt::Result {
+        writeln!(
+            f,
+            "<figure><img src=\"data:image/png;base64,{}\" width=\"{}\" height=\"{}\" alt=\"{}\">\
+             <figcaption>{}</figcaption></figure>",
+            self.png,
+            self.width,
+            self.height,
+            Escaped(&self.alt),
+            Escaped(self.caption)
+        )
+    }
+}
+
+/// One fit on the page.
+struct Section<'a> {
+    summary: &'a Summary,
+    about: &'a str,
+    folder: String,
+    figures: Vec<Figure>,
+}
+
+impl<'a> Section<'a> {
+    fn new(result: &'a Finished, about: &'a str, folder: String) -> Result<Self> {
+        let (summary, pictures) = (&result.summary, &result.pictures);
+        let file = &summary.image.file;
+        let mut figures = vec![
+            Figure::new(
+                &pictures.photo,
+                format!("The part of the photo {file} around the landmarks"),
+                "The photo, cut out around the landmarks.",
+            )?,
+            Figure::new(
+                &pictures.on_photo,
+                format!("The fitted model drawn over the photo {file}"),
+                "The fitted model drawn over it. Where no seam shows, the model explains the \
+                 picture.",
+            )?,
+            Figure::new(
+                &pictures.alone,
+                format!("The fitted model alone, posed and lit as in {file}"),
+                "The model alone, in the pose and light it found.",
+            )?,
+        ];
+        for (i, side) in pictures.sides.iter().enumerate() {
+            figures.push(Figure::new(
+                side,
+                format!("The fitted model of {file}, turned, under frontal light"),
+                match i {
+                    0 => "Turned, under plain frontal light: shape and colour without the photo.",
+                    _ => "The same from another side.",
+                },
+            )?);
+        }
+        figures.push(Figure::new(
+            &shrunk(&pictures.whole, WHOLE_SIDE),
+            format!("The whole photo {file} with the fitted model in its place"),
+            "Back in the whole photo.",
+        )?);
+        Ok(Self { summary, about, folder, figures })
+    }
+
+    fn write(&self, f: &mut impl Write) -> fmt::Result {
+        let s = self.summary;
+        f.write_str("<section>\n")?;
+        // Alone on a page, the page's title says it.
+        if !self.about.is_empty() {
+            writeln!(
+                f,
+                "<h2>{}</h2>\n<p class=\"about\">{}</p>",
+                Escaped(&s.image.file),
+                Escaped(self.about)
+            )?;
+        }
+        f.write_str("<div class=\"pictures\">\n")?;
+        self.figures.iter().try_for_each(|figure| figure.write(f))?;
+        f.write_str("</div>\n")?;
+        in_words(f, s)?;
+        f.write_str("<div class=\"columns\"><div><h3>Key figures</h3>\n")?;
+        facts(f, &key_figures(s))?;
+        f.write_str("</div><div><h3>What was found</h3>\n")?;
+        facts(f, &scene_facts(&s.parameters))?;
+        f.write_str("</div></div>\n")?;
+        traces(f, s)?;
+        coefficients(f, &s.parameters)?;
+        moves(f, &s.proposals)?;
+        self.files(f)?;
+        f.write_str("</section>\n")
+    }
+
+    fn files(&self, f: &mut impl Write) -> fmt::Result {
+        f.write_str("<h3>Files</h3>\n<ul class=\"files\">\n")?;
+        for (file, what) in [
+            ("mesh.glb", "the mesh for viewers and web pages (glTF)"),
+            ("mesh.ply", "the mesh with colours per vertex"),
+            ("fit.json", "all numbers of this fit"),
+            ("fit.rps", "the scene for scalismo-faces"),
+        ] {
+            let link = address(&[&self.folder, file]);
+            writeln!(f, "<li><a href=\"{link}\">{file}</a>: {what}</li>")?;
+        }
+        writeln!(
+            f,
+            "</ul>\n<h3>Repeat it</h3>\n<pre><code>{}</code></pre>\n<p class=\"note\">The same \
+             files and seed give the fingerprint <code>{}</code> again, on any machine.</p>",
+            Escaped(&self.summary.command),
+            Escaped(&self.summary.fingerprint)
+        )
+    }
+}
+
+/// A whole page.
+struct Page<'a> {
+    title: String,
+    lead: &'a str,
+    samples: Option<Figure>,
+    fits: Vec<Section<'a>>,
+    provenance: &'a str,
+}
+
+impl Page<'_> {
+    fn html(&self) -> Result<String> {
+        let mut html = String::new();
+        self.write(&mut html).map_err(Error::new)?;
+        Ok(html)
+    }
+
+    fn write(&self, f: &mut impl Write) -> fmt::Result {
+        let version = env!("CARGO_PKG_VERSION");
+        write!(
+            f,
+            "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n\
+             <header><p class=\"kicker\">onescan {version}</p>\n<h1>{title}</h1>\n\
+             <p class=\"lead\">{lead}</p></header>\n<main>\n",
+            title = Escaped(&self.title),
+            style = include_str!("style.css"),
+            lead = Escaped(self.lead),
+        )?;
+        if let Some(samples) = &self.samples {
+            f.write_str("<section>\n<h2>The model</h2>\n")?;
+            samples.write(f)?;
+            f.write_str("</section>\n")?;
+        }
+        self.fits.iter().try_for_each(|section| section.write(f))?;
+        f.write_str("<section>\n<h2>Where the model comes from</h2>\n")?;
+        if let Some(section) = self.fits.first() {
+            let model = &section.summary.model;
+            writeln!(
+                f,
+                "<p><code>{}</code>, checksum <code>{}</code>.</p>",
+                Escaped(&model.file),
+                Escaped(&model.checksum)
+            )?;
+        }
+        facts(f, &provenance_facts(self.provenance))?;
+        write!(
+            f,
+            "</section>\n</main>\n<footer><p class=\"note\">Made by onescan {version}. This page \
+             needs no other file and asks no server for anything.</p></footer>\n</body>\n</html>\n"
+        )
+    }
+}
+
+/// What happened, for somebody who has never fitted a model.
+fn in_words(f: &mut impl Write, s: &Summary) -> fmt::Result {
+    writeln!(
+        f,
+        "<p>Given {landmarks} marked points and the pixels of this photo, the program looked for \
+         the pose, light, shape and colour that would produce it. It weighed {steps} hypotheses, \
+         one after the other, and kept the one whose rendered picture comes closest. That picture \
+         is off by {best} of full brightness (root mean square over the pixels the model covers); \
+         with the pose of the marked points alone it was off by {initial}.</p>",
+        landmarks = s.image.landmarks,
+        steps = number(s.steps as f64, 0),
+        best = percent(s.pixel_rmse.best, 1),
+        initial = percent(s.pixel_rmse.initial, 1),
+    )
+}
+
+/// The likelihood over both stages, a chart for each: their likelihoods measure different things.
+fn traces(f: &mut impl Write, s: &Summary) -> fmt::Result {
+    let boundary = s.trace.partition_point(|&(step, _)| step < s.landmark_samples);
+    let (landmarks, image) = s.trace.split_at(boundary);
+    let stages = [
+        (landmarks, "Stage 1: landmarks", "Log likelihood of the marked points: finds the pose."),
+        (image, "Stage 2: picture", "Log likelihood of the pixels: finds everything."),
+    ];
+    f.write_str("<h3>The search</h3>\n<div class=\"charts\">\n")?;
+    for (trace, stage, caption) in stages {
+        let points: Vec<_> = trace.iter().map(|&(step, value)| (f64::from(step), value)).collect();
+        let best = points.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+        let description = format!("{stage}: log likelihood by step, best {}", likelihood(best));
+        if let Some(svg) = charts::line(&description, "step", &points) {
+            writeln!(
+                f,
+                "<figure>{svg}<figcaption><b>{stage}.</b> {caption} Starts at {}, the dot is the \
+                 best: {}.</figcaption></figure>",
+                likelihood(points[0].1),
+                likelihood(best)
+            )?;
+        }
+    }
+    f.write_str("</div>\n")
+}
+
+fn coefficients(f: &mut impl Write, scene: &Scene) -> fmt::Result {
+    f.write_str("<h3>The model’s coefficients</h3>\n<div class=\"charts\">\n")?;
+    for (name, values) in [("Shape", &scene.shape), ("Colour", &scene.albedo)] {
+        let shown = &values[..values.len().min(SHOWN)];
+        let description = format!("{name} coefficients in standard deviations");
+        if let Some(svg) = charts::bars(&description, "component", shown) {
+            writeln!(
+                f,
+                "<figure>{svg}<figcaption><b>{name}.</b> The first {} of {} coefficients, in \
+                 standard deviations; 0 is the scan itself.</figcaption></figure>",
+                shown.len(),
+                values.len()
+            )?;
+        }
+    }
+    f.write_str("</div>\n")
+}
+
+/// Acceptance by kind of proposal, a bar each.
+fn moves(f: &mut impl Write, proposals: &[Proposal]) -> fmt::Result {
+    if proposals.is_empty() {
+        return Ok(());
+    }
+    f.write_str("<h3>Proposals accepted</h3>\n<div class=\"columns\">\n")?;
+    for (stage, title) in
+        [(Stage::Landmarks, "Stage 1: landmarks"), (Stage::Image, "Stage 2: picture")]
+    {
+        writeln!(f, "<div><p class=\"note\"><b>{title}</b></p>\n<table class=\"moves\">")?;
+        for p in proposals.iter().filter(|p| p.stage == stage) {
+            let share = p.accepted as f64 / p.proposed.max(1) as f64;
+            let mark = if p.search { "<span class=\"search\">search</span>" } else { "" };
+            writeln!(
+                f,
+                "<tr><th scope=\"row\">{}{mark}</th>\
+                 <td><span class=\"track\"><i style=\"width:{:.1}%\"></i></span></td>\
+                 <td class=\"share\">{}</td><td class=\"count\">{} of {}</td></tr>",
+                Escaped(&p.name),
+                100.0 * share.min(1.0),
+                percent(share, 0),
+                number(p.accepted as f64, 0),
+                number(p.proposed as f64, 0)
+            )?;
+        }
+        f.write_str("</table></div>\n")?;
+    }
+    f.write_str("</div>\n")?;
+    if proposals.iter().any(|p| p.search) {
+        f.write_str(
+            "<p class=\"note\"><b>search</b> marks moves that steer towards the picture instead of \
+             wandering blindly. They find the best fit sooner, but a chain that uses them does not \
+             sample the posterior.</p>\n",
+        )?;
+    }
+    Ok(())
+}
+
+fn facts(f: &mut impl Write, rows: &Rows) -> fmt::Result {
+    f.write_str("<table class=\"facts\">\n")?;
+    for (name, value) in rows {
+        writeln!(
+            f,
+            "<tr><th scope=\"row\">{}</th><td>{}</td></tr>",
+            Escaped(name),
+            Escaped(value)
+        )?;
+    }
+    f.write_str("</table>\n")
+}
+
+/// The picture with its longer side brought down to `side`, aspect kept.
+fn shrunk(picture: &Picture, side: u32) -> Picture {
+    let longer = picture.width.max(picture.height);
+    if longer <= side {
+        return picture.clone();
+    }
+    let scaled =
+        |v: u32| (u64::from(v) * u64::from(side)).div_ceil(u64::from(longer)).max(1) as u32;
+    picture.resized(scaled(picture.width), scaled(picture.height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::output::Pictures;
+    use crate::mesh::Mesh;
+
+    fn finished(file: &str) -> Finished {
+        let mut summary = crate::summary::tests::example();
+        summary.image.file = file.to_owned();
+        let picture = || Picture::filled(4, 3, [90, 60, 30]);
+        let pictures = Pictures {
+            photo: picture(),
+            on_photo: picture(),
+            alone: picture(),
+            sides: vec![picture(), picture()],
+            whole: Picture::filled(2000, 1, [1; 3]),
+        };
+        let mesh = Mesh { points: vec![], colors: vec![], triangles: vec![] };
+        Finished { summary, mesh, pictures }
+    }
+
+    #[test]
+    fn a_page_asks_nobody_for_anything() {
+        let page = fit_report(&finished("a.jpg"), "scan = \"face.ply\"\nshape_rank = 9").unwrap();
+        assert_eq!(page.matches("<img src=\"data:image/png;base64,").count(), 6);
+        assert_eq!(page.matches("src=").count(), 6);
+        for absent in ["http", "url(", "<script", "@import"] {
+            assert!(!page.contains(absent), "{absent}");
+        }
+        assert!(page.contains("<a href=\"mesh.glb\">"));
+        assert!(page.contains(">shape rank</th><td>9</td>"));
+        for tag in ["section", "figure", "table", "div", "svg", "p", "tr"] {
+            let (open, close) = (format!("<{tag}"), format!("</{tag}>"));
+            let opened = [" ", ">"].map(|end| page.matches(&format!("{open}{end}")).count());
+            assert_eq!(opened[0] + opened[1], page.matches(&close).count(), "{tag}");
+        }
+    }
+
+    #[test]
+    fn names_cannot_break_out() {
+        let page = fit_report(&finished("<b>\"x\"&.jpg"), "a<i> = <u>").unwrap();
+        assert!(!page.contains("<b>\"x") && !page.contains("<i>") && !page.contains("<u>"));
+        assert!(page.contains("&lt;b&gt;&quot;x&quot;&amp;.jpg"));
+    }
+
+    #[test]
+    fn a_demo_links_into_the_directory_of_each_fit() {
+        let results = [(finished("one.png"), "first"), (finished("two three.jpg"), "second")];
+        let page = demo_report(&results, &Picture::filled(2, 2, [0; 3]), "").unwrap();
+        assert!(page.contains("href=\"one/fit.json\"") && page.contains("two%20three/mesh.ply"));
+        assert!(page.contains("<p class=\"about\">second</p>"));
+    }
+
+    #[test]
+    fn a_picture_without_pixels_is_an_error() {
+        let mut broken = finished("a.jpg");
+        broken.pictures.alone = Picture::filled(0, 0, [0; 3]);
+        assert!(fit_report(&broken, "").is_err());
+    }
+}

@@ -1,0 +1,327 @@
+//! `fit.json` and `summary.json`: what a fit did and found, for programs and for `render --fit`.
+
+use crate::error::{Error, Result};
+use crate::photo::{Crop, MAX_SIDE};
+use onescan_core::scene::Scene;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::Path;
+
+/// A number before and after the fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BeforeAfter {
+    /// Of the state the image stage began with.
+    pub initial: f64,
+    /// Of the best state.
+    pub best: f64,
+}
+
+/// The model a fit used.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModelUsed {
+    /// File name, without folders.
+    pub file: String,
+    /// Checksum of its bytes, 16 hexadecimal digits.
+    pub checksum: String,
+}
+
+/// The photo a fit explained.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PhotoUsed {
+    /// File name, without folders.
+    pub file: String,
+    /// Width and height in pixels, EXIF orientation applied.
+    pub size: [u32; 2],
+    /// The part the fit looked at.
+    pub crop: Crop,
+    /// Number of landmarks used.
+    pub landmarks: usize,
+}
+
+/// Stage of a fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Stage {
+    /// Pose by landmarks.
+    Landmarks,
+    /// Everything by the picture.
+    Image,
+}
+
+/// How often one kind of proposal was made and accepted, over all chains.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Proposal {
+    /// The stage.
+    pub stage: Stage,
+    /// The proposal's name.
+    pub name: String,
+    /// How often it was made.
+    pub proposed: u64,
+    /// How often it was accepted.
+    pub accepted: u64,
+    /// Whether it is a search move, which steers the chain without the balance a sampler needs.
+    pub search: bool,
+}
+
+/// A finished fit: the contents of `fit.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Version of onescan that made the fit.
+    pub onescan: String,
+    /// Command that repeats the fit; file names only, no folders.
+    pub command: String,
+    /// The model.
+    pub model: ModelUsed,
+    /// The photo.
+    pub image: PhotoUsed,
+    /// Seed of all randomness.
+    pub seed: u64,
+    /// Hash over the bits of every accepted state, see [`hex`].
+    pub fingerprint: String,
+    /// Number of chains.
+    pub chains: u32,
+    /// Steps of the landmark stage, per chain.
+    pub landmark_samples: u32,
+    /// Steps of the image stage, per chain.
+    pub samples: u32,
+    /// Steps of all chains and stages.
+    pub steps: u64,
+    /// Accepted steps of all chains and stages.
+    pub accepted: u64,
+    /// Steps per second of one chain.
+    pub steps_per_second: f64,
+    /// Log likelihood of the picture.
+    pub log_likelihood: BeforeAfter,
+    /// Root mean square colour difference in `[0, 1]` over the pixels the model covers.
+    pub pixel_rmse: BeforeAfter,
+    /// Root mean square distance of the landmarks, pixels of the crop.
+    pub landmark_rmse_px: f64,
+    /// Acceptance by kind of proposal.
+    #[serde(default)]
+    pub proposals: Vec<Proposal>,
+    /// The stage's log likelihood by step, thinned; steps count over both stages.
+    #[serde(default)]
+    pub trace: Vec<(u32, f64)>,
+    /// The best state; its camera sees the whole photo.
+    pub parameters: Scene,
+}
+
+/// All fits of a demo: the contents of `summary.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DemoSummary {
+    /// The fits, in the order they were made.
+    pub fits: Vec<Summary>,
+}
+
+/// A 64-bit hash as 16 hexadecimal digits, the form of fingerprints and checksums.
+pub fn hex(hash: u64) -> String {
+    format!("{hash:016x}")
+}
+
+impl Summary {
+    /// Reads `fit.json`.
+    ///
+    /// # Errors
+    /// As [`Summary::parse`], naming the file; a file that cannot be read.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+        Self::parse(&text).map_err(|e| Error::file(path, e))
+    }
+
+    /// Parses the contents of `fit.json`; unknown fields are ignored.
+    ///
+    /// # Errors
+    /// Damaged JSON, a missing field or one of another type (both named), numbers out of range.
+    pub fn parse(text: &str) -> Result<Self> {
+        let summary: Self = parse_json(text)?;
+        check_scene(&summary.parameters)?;
+        Ok(summary)
+    }
+
+    /// The contents of `fit.json`.
+    ///
+    /// # Errors
+    /// A number that is not finite, naming the field.
+    pub fn to_json(&self) -> Result<String> {
+        to_json(self)
+    }
+}
+
+impl DemoSummary {
+    /// The contents of `summary.json`.
+    ///
+    /// # Errors
+    /// A number that is not finite, naming the field.
+    pub fn to_json(&self) -> Result<String> {
+        to_json(self)
+    }
+}
+
+/// Parses JSON; errors name the field, then line and column.
+pub(crate) fn parse_json<T: DeserializeOwned>(text: &str) -> Result<T> {
+    let mut json = serde_json::Deserializer::from_str(text);
+    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
+        // "." is the path of the document itself.
+        match e.path().to_string().as_str() {
+            "." => Error::new(e.inner()),
+            path => Error::new(format_args!("{path}: {}", e.inner())),
+        }
+    })?;
+    json.end().map_err(|e| Error::new(format_args!("after the end of the JSON: {e}")))?;
+    Ok(value)
+}
+
+/// Writes JSON for people, refusing numbers JSON cannot hold.
+pub(crate) fn to_json<T: Serialize>(value: &T) -> Result<String> {
+    check_finite(value)?;
+    let mut text = serde_json::to_string_pretty(value).map_err(Error::new)?;
+    text.push('\n');
+    Ok(text)
+}
+
+/// Whether a scene that came from a file can be drawn: numbers finite, sizes positive.
+pub(crate) fn check_scene(scene: &Scene) -> Result<()> {
+    check_finite(scene)?;
+    let camera = &scene.camera;
+    let wrong = |field: &str, found: String, expected: &str| {
+        Err(Error::new(format_args!("{field} is {found}, expected {expected}")))
+    };
+    if !camera.image_size.iter().all(|side| (1..=MAX_SIDE).contains(side)) {
+        let found = format!("{}×{}", camera.image_size[0], camera.image_size[1]);
+        return wrong("the picture's size", found, &format!("sides of 1 to {MAX_SIDE} pixels"));
+    }
+    if camera.focal_length <= 0.0 || camera.sensor.iter().any(|side| *side <= 0.0) {
+        let found = format!("{} on {:?}", camera.focal_length, camera.sensor);
+        return wrong("the focal length on the sensor", found, "positive numbers");
+    }
+    if camera.near <= 0.0 || camera.far <= camera.near {
+        let found = format!("{} to {}", camera.near, camera.far);
+        return wrong("the range from near to far", found, "0 < near < far");
+    }
+    if scene.pose.scale <= 0.0 {
+        return wrong("the pose's scale", scene.pose.scale.to_string(), "a positive number");
+    }
+    Ok(())
+}
+
+/// Errors with the path of the first number that is infinite or NaN.
+fn check_finite<T: Serialize>(value: &T) -> Result<()> {
+    // serde_json turns exactly these numbers into null, and nothing of ours is optional.
+    fn null_in(value: &Value) -> Option<String> {
+        match value {
+            Value::Null => Some(String::new()),
+            Value::Array(items) => items
+                .iter()
+                .enumerate()
+                .find_map(|(i, item)| null_in(item).map(|path| format!("[{i}]{path}"))),
+            Value::Object(fields) => fields
+                .iter()
+                .find_map(|(name, item)| null_in(item).map(|path| format!(".{name}{path}"))),
+            _ => None,
+        }
+    }
+    match null_in(&serde_json::to_value(value).map_err(Error::new)?) {
+        None => Ok(()),
+        Some(path) => Err(Error::new(format_args!(
+            "{} is not a finite number (or too large for one)",
+            path.trim_start_matches('.')
+        ))),
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn example() -> Summary {
+        let crop = Crop::around(&[[300.0, 200.0], [420.0, 330.0]], [800, 600], 2.2, 256).unwrap();
+        let mut parameters = Scene::initial(800, 600, 3, 2);
+        parameters.shape[1] = -1.25;
+        let proposal = |stage, name: &str, proposed, accepted, search| Proposal {
+            stage,
+            name: name.into(),
+            proposed,
+            accepted,
+            search,
+        };
+        Summary {
+            onescan: "0.1.0".into(),
+            command: "onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o out".into(),
+            model: ModelUsed { file: "face.3dmm".into(), checksum: hex(7) },
+            image: PhotoUsed { file: "photo.jpg".into(), size: [800, 600], crop, landmarks: 16 },
+            seed: 7,
+            fingerprint: hex(0x0123_4567_89ab_cdef),
+            chains: 1,
+            landmark_samples: 100,
+            samples: 200,
+            steps: 300,
+            accepted: 123,
+            steps_per_second: 250.5,
+            log_likelihood: BeforeAfter { initial: -1024.5, best: 2048.25 },
+            pixel_rmse: BeforeAfter { initial: 0.25, best: 0.0625 },
+            landmark_rmse_px: 3.5,
+            proposals: vec![
+                proposal(Stage::Landmarks, "yaw", 100, 40, false),
+                proposal(Stage::Image, "shape", 150, 60, false),
+                proposal(Stage::Image, "light", 50, 23, true),
+            ],
+            trace: vec![(0, -90.5), (50, -30.0), (100, -1024.5), (200, 1800.0), (300, 2048.25)],
+            parameters,
+        }
+    }
+
+    #[test]
+    fn a_summary_reads_back_and_keeps_the_contract() {
+        let summary = example();
+        let text = summary.to_json().unwrap();
+        assert_eq!(Summary::parse(&text).unwrap(), summary);
+        let value: Value = serde_json::from_str(&text).unwrap();
+        for field in [
+            "/seed",
+            "/fingerprint",
+            "/steps",
+            "/steps_per_second",
+            "/accepted",
+            "/log_likelihood/initial",
+            "/log_likelihood/best",
+            "/pixel_rmse/initial",
+            "/pixel_rmse/best",
+            "/landmark_rmse_px",
+            "/parameters/shape/1",
+        ] {
+            assert!(value.pointer(field).is_some(), "{field}");
+        }
+        let demo = DemoSummary { fits: vec![summary] }.to_json().unwrap();
+        assert!(serde_json::from_str::<Value>(&demo).unwrap().pointer("/fits/0/seed").is_some());
+    }
+
+    #[test]
+    fn unknown_fields_are_ignored() {
+        let text = example().to_json().unwrap().replacen('{', "{\"future\": [1, null],", 1);
+        assert_eq!(Summary::parse(&text).unwrap(), example());
+    }
+
+    #[test]
+    fn errors_name_the_field() {
+        let text = example().to_json().unwrap();
+        let error = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from}");
+            Summary::parse(&text.replacen(from, to, 1)).unwrap_err().to_string()
+        };
+        assert!(error("\"seed\"", "\"sead\"").contains("missing field `seed`"));
+        assert!(error("\"roll\": 0.0", "\"roll\": \"x\"").starts_with("parameters.pose.roll: "));
+        assert!(error("-1.25", "1e99").starts_with("shape[1] is not a finite"));
+        assert!(error("\"focal_length\": 7.5", "\"focal_length\": 0").contains("focal length"));
+        assert!(Summary::parse(&text[..99]).is_err());
+        assert!(Summary::parse(&(text.clone() + "x")).is_err());
+    }
+
+    #[test]
+    fn a_number_json_cannot_hold_is_refused_by_name() {
+        let mut summary = example();
+        summary.pixel_rmse.best = f64::NAN;
+        let message = summary.to_json().unwrap_err().to_string();
+        assert!(message.starts_with("pixel_rmse.best is not"), "{message}");
+    }
+}

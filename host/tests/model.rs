@@ -1,0 +1,115 @@
+//! From a scan on disk to a model on disk, and back through the core's view.
+
+use onescan::build::{BuildOptions, BuiltModel, build};
+use onescan::decompose::Truncation;
+use onescan::kernel::{Axis, Preset, Vertex};
+use onescan::landmarks;
+use onescan::mesh::Mesh;
+use onescan::model_file::OwnedModel;
+use onescan::ply;
+use std::path::{Path, PathBuf};
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/face").join(name)
+}
+
+/// The part of the template's triangles whose corners are all among the first vertices.
+fn part_of_the_template() -> Mesh {
+    let mut mesh = ply::read(&fixture("template.ply")).unwrap();
+    mesh.points.truncate(500);
+    mesh.colors.truncate(500);
+    mesh.triangles.retain(|t| t.iter().all(|&v| v < 500));
+    mesh
+}
+
+fn options(truncation: Truncation) -> BuildOptions<'static> {
+    BuildOptions {
+        scan_name: "part.ply",
+        kernels: Preset::named("symmetric-full").unwrap(),
+        mirror: Some(Axis::X),
+        truncation,
+        millimetres: 1.0,
+    }
+}
+
+fn built(scan: &Mesh, options: &BuildOptions<'_>) -> BuiltModel {
+    let text = r#"[{"id": "nose", "vertex": 7}, {"id": "œil", "vertex": 499}]"#;
+    let landmarks = landmarks::parse(text, &scan.points, 1.0).unwrap();
+    build(scan, &landmarks, options, &mut |_, _| {}).unwrap()
+}
+
+#[test]
+fn a_written_model_is_read_as_it_was_built() {
+    let scan = part_of_the_template();
+    let BuiltModel { model, report } = built(&scan, &options(Truncation::Rank(20)));
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("part.3dmm");
+    model.write(&path).unwrap();
+    let read = OwnedModel::read(&path).unwrap();
+    assert_eq!(read.bytes(), model.bytes());
+
+    let view = read.view();
+    assert_eq!((view.vertices(), view.triangles.len()), (500, scan.triangles.len()));
+    assert_eq!(view.triangles.get(3), Some(scan.triangles[3]));
+    assert_eq!(view.landmarks().collect::<Vec<_>>(), [("nose", 7), ("œil", 499)]);
+    assert_eq!((view.shape.rank(), view.albedo.rank()), (20, 20));
+    for (basis, mean) in [(&view.shape, &scan.points), (&view.albedo, &scan.colors)] {
+        let plane = basis.mean().len() / 3;
+        for (i, value) in mean.iter().enumerate() {
+            assert_eq!(
+                [0, 1, 2].map(|c| basis.mean()[c * plane + i].to_bits()),
+                value.map(f32::to_bits)
+            );
+        }
+        // Columns are eigenvectors times standard deviations: their norms are the latter.
+        for (k, &variance) in basis.variance().iter().enumerate() {
+            let norm: f64 = (0..3 * plane).map(|i| f64::from(basis.entry(i, k)).powi(2)).sum();
+            assert!((norm / f64::from(variance) - 1.0).abs() < 1e-5, "column {k}");
+        }
+    }
+    let kernel = Preset::named("symmetric-full").unwrap().shape(Some(Axis::X));
+    let variance = |p: &[f32; 3]| -> f64 {
+        let vertex = Vertex { position: p.map(f64::from), color: [0.0; 3] };
+        let block = kernel.evaluate(&vertex, &vertex);
+        (0..3).map(|i| block[i][i]).sum()
+    };
+    let total: f64 = scan.points.iter().map(variance).sum();
+    assert!((view.shape.total_variance() / total - 1.0).abs() < 1e-9);
+    assert!(view.provenance().contains("scan = \"part.ply\"\n"));
+    assert!(view.provenance().contains("kernels = \"symmetric-full\"\n"));
+    assert!(report.to_string().contains("20 components hold"), "{report}");
+}
+
+#[test]
+fn equal_inputs_give_equal_files() {
+    let scan = part_of_the_template();
+    let options = options(Truncation::Variance(0.8));
+    assert!(built(&scan, &options).model.bytes() == built(&scan, &options).model.bytes());
+}
+
+#[test]
+fn a_scan_in_centimetres_gives_the_same_shape_in_millimetres() {
+    let mut scan = part_of_the_template();
+    let millimetres = built(&scan, &options(Truncation::Rank(5)));
+    for c in scan.points.as_flattened_mut() {
+        *c /= 10.0;
+    }
+    let centimetres =
+        built(&scan, &BuildOptions { millimetres: 10.0, ..options(Truncation::Rank(5)) });
+    let (a, b) = (millimetres.model.view(), centimetres.model.view());
+    for (a, b) in a.shape.variance().iter().zip(b.shape.variance()) {
+        assert!((a / b - 1.0).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn damage_and_wrong_units_are_refused() {
+    let scan = part_of_the_template();
+    let BuiltModel { model, .. } = built(&scan, &options(Truncation::Rank(3)));
+    let mut bytes = model.bytes().to_vec();
+    bytes[1000] ^= 1;
+    assert!(OwnedModel::from_bytes(&bytes).unwrap_err().to_string().contains("checksum"));
+    assert!(OwnedModel::from_bytes(&bytes[..777]).unwrap_err().to_string().contains("incomplete"));
+    let wrong = BuildOptions { millimetres: f32::NAN, ..options(Truncation::Rank(3)) };
+    assert!(build(&scan, &[], &wrong, &mut |_, _| {}).is_err());
+}

@@ -1,0 +1,201 @@
+//! Scan to model to fit with the real program, and the promise that the same input gives the
+//! same bits.
+
+use onescan::{photo, ply};
+use onescan_tests::program::{Onescan, fingerprint, json};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use tempfile::{TempDir, tempdir};
+
+const ASTRONAUT: &str = "@photos/astronaut.png --landmarks @photos/astronaut.tlms";
+const SHORT: &str = "--landmark-samples 300 --samples 300";
+
+/// Fits the golden model to the astronaut.
+fn fit(directory: &Path, name: &str, arguments: &str) -> Value {
+    let line = format!("fit @golden/small.3dmm {ASTRONAUT} -o {name} {arguments}");
+    Onescan::new(directory, &line).succeed();
+    json(&directory.join(name).join("fit.json"))
+}
+
+#[test]
+fn a_scan_becomes_a_model_and_the_model_explains_a_photo() {
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+
+    let build = "build @face/template.ply --landmarks @face/landmarks.json --rank 10 -o";
+    run(&format!("{build} face.3dmm"));
+    run(&format!("{build} again.3dmm"));
+    assert!(fs::read(at("face.3dmm")).unwrap() == fs::read(at("again.3dmm")).unwrap());
+
+    let info: Value = serde_json::from_str(&run("info face.3dmm --json")).unwrap();
+    assert_eq!(info["vertices"], 8291);
+    assert_eq!(info["triangles"], 16374);
+    for half in ["shape", "albedo"] {
+        assert_eq!(info[half]["rank"], 10);
+        let captured = info[half]["captured"].as_f64().unwrap();
+        assert!(captured > 0.1 && captured < 1.0, "{half}: {captured}");
+    }
+    assert_eq!(info["landmarks"].as_object().unwrap().len(), 42);
+
+    run("sample face.3dmm -n 3 -o samples");
+    for number in 0..3 {
+        let sample = ply::read(&at(&format!("samples/sample_{number:02}.ply"))).unwrap();
+        assert_eq!((sample.points.len(), sample.triangles.len()), (8291, 16374));
+    }
+    assert!(photo::read(&at("samples/samples.png")).is_ok());
+
+    run("render face.3dmm --size 320x200 --yaw 30 -o mean.png");
+    let mean = photo::read(&at("mean.png")).unwrap();
+    assert_eq!((mean.width, mean.height), (320, 200));
+    assert!(mean.rgb.iter().any(|pixel| *pixel != mean.rgb[0]), "nothing was drawn");
+
+    run(&format!("fit face.3dmm {ASTRONAUT} {SHORT} -o fit"));
+    let fit = json(&at("fit/fit.json"));
+    keeps_its_contract(&fit);
+    let mesh = ply::read(&at("fit/mesh.ply")).unwrap();
+    assert_eq!((mesh.points.len(), mesh.triangles.len()), (8291, 16374));
+    let glb = gltf::Gltf::from_slice(&fs::read(at("fit/mesh.glb")).unwrap()).unwrap();
+    assert_eq!(glb.meshes().count(), 1);
+    assert!(photo::read(&at("fit/overlay.png")).is_ok());
+    is_self_contained(&fs::read_to_string(at("fit/report.html")).unwrap());
+
+    run("render face.3dmm --fit fit/fit.json -o fitted.png");
+    let fitted = photo::read(&at("fitted.png")).unwrap();
+    assert_eq!((fitted.width, fitted.height), (512, 512), "the photo's size");
+    run("render face.3dmm --rps fit/fit.rps --size 512x512 -o engine.png");
+    let engine = photo::read(&at("engine.png")).unwrap();
+    let far = |(a, b): (&u8, &u8)| a.abs_diff(*b) > 2;
+    let differing = fitted.bytes().iter().zip(engine.bytes()).filter(|&pair| far(pair)).count();
+    assert!(differing < fitted.bytes().len() / 1000, "fit.rps shows another face: {differing}");
+}
+
+/// What scripts rely on, and what a fit must achieve at the very least.
+fn keeps_its_contract(fit: &Value) {
+    let number = |path: &str| {
+        fit.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number {path}"))
+    };
+    assert_eq!(fit["seed"], 7);
+    assert_eq!(fit["steps"], 600);
+    assert_eq!(fingerprint(fit).len(), 16);
+    assert!(number("/steps_per_second") > 0.0);
+    let accepted = number("/accepted");
+    assert!(accepted > 0.0 && accepted < 600.0, "{accepted} accepted");
+    assert!(number("/log_likelihood/best") > number("/log_likelihood/initial"));
+    assert!(number("/pixel_rmse/best") < number("/pixel_rmse/initial"));
+    assert!(number("/pixel_rmse/best") > 0.0 && number("/pixel_rmse/initial") < 1.0);
+    assert!(number("/landmark_rmse_px") > 0.0 && number("/landmark_rmse_px") < 30.0);
+    for half in ["shape", "albedo"] {
+        let coefficients = fit["parameters"][half].as_array().unwrap();
+        assert_eq!(coefficients.len(), 10);
+    }
+}
+
+/// A report opens anywhere: every picture, style and script is within it.
+fn is_self_contained(html: &str) {
+    assert!(html.contains("<html") && html.trim_end().ends_with("</html>"));
+    assert!(html.contains("data:image/png;base64,") || html.contains("data:image/jpeg;base64,"));
+    for (attribute, allowed) in
+        [("src=", &["data:"][..]), ("href=", &["#", "data:"]), ("url(", &["data:", "#"])]
+    {
+        for (at, _) in html.match_indices(attribute) {
+            let target = html[at + attribute.len()..].trim_start_matches(['"', '\'']);
+            let inside = allowed.iter().any(|start| target.starts_with(start));
+            let shown: String = target.chars().take(60).collect();
+            assert!(inside, "{attribute}{shown} leads outside");
+        }
+    }
+    for load in ["@import", "<link", "<iframe", "fetch(", "srcset="] {
+        assert!(!html.contains(load), "{load}");
+    }
+}
+
+#[test]
+fn the_seed_decides() {
+    let place = tempdir().unwrap();
+    let fit = |name: &str, seed| fit(place.path(), name, &format!("{SHORT} --seed {seed}"));
+    let (first, second, other) = (fit("a", 1), fit("b", 1), fit("c", 2));
+    assert_eq!(fingerprint(&first), fingerprint(&second));
+    assert_ne!(fingerprint(&first), fingerprint(&other));
+    for file in ["fit.rps", "mesh.ply", "mesh.glb", "overlay.png"] {
+        let bytes = |name: &str| fs::read(place.path().join(name).join(file)).unwrap();
+        assert!(bytes("a") == bytes("b"), "{file} differs between equal fits");
+    }
+}
+
+#[test]
+fn threads_change_nothing() {
+    let place = tempdir().unwrap();
+    let fits = ["1", "2"].map(|threads| {
+        let line = format!("fit @golden/small.3dmm {ASTRONAUT} {SHORT} --chains 3 -o {threads}");
+        Onescan::new(place.path(), &line).env("RAYON_NUM_THREADS", threads).succeed();
+        json(&place.path().join(threads).join("fit.json"))
+    });
+    for field in ["fingerprint", "accepted", "log_likelihood", "pixel_rmse", "parameters"] {
+        assert_eq!(fits[0][field], fits[1][field], "{field}");
+    }
+}
+
+#[test]
+fn models_are_the_same_bytes_at_any_number_of_threads() {
+    let place = tempdir().unwrap();
+    let models = ["1", "2"].map(|threads| {
+        let line = format!("build @face/template.ply --rank 6 -o {threads}.3dmm");
+        Onescan::new(place.path(), &line).env("RAYON_NUM_THREADS", threads).succeed();
+        fs::read(place.path().join(format!("{threads}.3dmm"))).unwrap()
+    });
+    assert!(models[0] == models[1]);
+}
+
+/// A fit of some seconds, interrupted in a place of its own.
+struct Interrupted {
+    place: TempDir,
+    line: String,
+}
+
+impl Interrupted {
+    fn checkpoint(&self) -> PathBuf {
+        self.place.path().join("fit/checkpoint.bin")
+    }
+
+    /// Runs it until Ctrl-C. Sooner and sooner, if the fit was finished before.
+    fn press_ctrl_c(&self, mut after: Duration, resume: &str) {
+        loop {
+            let run = Onescan::new(self.place.path(), &format!("{} {resume}", self.line))
+                .interrupt(after);
+            if run.code == Some(1) {
+                assert!(run.stderr.contains("fit/checkpoint.bin: "), "{}", run.stderr);
+                assert!(run.stderr.contains("--resume"), "{}", run.stderr);
+                break;
+            }
+            assert_ne!(after, Duration::ZERO, "cannot be interrupted: {run:?}");
+            fs::remove_dir_all(self.place.path().join("fit")).unwrap_or_default();
+            after = if after.as_millis() < 10 { Duration::ZERO } else { after / 2 };
+        }
+    }
+}
+
+#[test]
+fn an_interrupted_fit_goes_on_as_if_nothing_had_been() {
+    let steps = "--landmark-samples 2000 --samples 6000 --chains 2";
+    let whole_place = tempdir().unwrap();
+    let start = Instant::now();
+    let whole = fit(whole_place.path(), "fit", steps);
+    let time = start.elapsed();
+
+    let line = format!("fit @golden/small.3dmm {ASTRONAUT} -o fit {steps}");
+    let fit = Interrupted { place: tempdir().unwrap(), line };
+    fit.press_ctrl_c(time / 2, "");
+    let left: Vec<_> = fs::read_dir(fit.place.path().join("fit")).unwrap().collect();
+    assert_eq!(left.len(), 1, "only the checkpoint is written: {left:?}");
+
+    let line = format!("{} --resume", fit.line);
+    Onescan::new(fit.place.path(), &line).succeed();
+    let resumed = json(&fit.place.path().join("fit/fit.json"));
+    for field in ["fingerprint", "steps", "accepted", "log_likelihood", "trace", "parameters"] {
+        assert_eq!(resumed[field], whole[field], "{field}");
+    }
+    assert!(!fit.checkpoint().exists(), "a finished fit keeps no checkpoint");
+}

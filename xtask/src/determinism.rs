@@ -1,0 +1,79 @@
+//! `cargo xtask determinism`: builds of every kind give the same fit, to the last bit.
+
+use crate::shell::{cargo, command, output, root, run as sh, target};
+use crate::{Outcome, no_arguments};
+use std::fs;
+use std::path::Path;
+
+/// A way to build onescan. Builds with the same flags share a directory, also with the tests.
+struct Build {
+    name: &'static str,
+    profile: &'static str,
+    /// RUSTFLAGS.
+    flags: &'static str,
+    /// Target directory, within the usual one.
+    directory: &'static str,
+    /// The program's place there.
+    program: &'static str,
+}
+
+const BUILDS: &[Build] = &[
+    Build { name: "debug", profile: "dev", flags: "", directory: "", program: "debug/onescan" },
+    Build {
+        name: "release",
+        profile: "release",
+        flags: "",
+        directory: "",
+        program: "release/onescan",
+    },
+    Build {
+        name: "native",
+        profile: "release",
+        flags: "-C target-cpu=native",
+        directory: "native",
+        program: "release/onescan",
+    },
+];
+
+/// The command.
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    no_arguments(arguments)?;
+    check()
+}
+
+/// Builds, fits, compares. All fit the model of fixtures/golden: building a model is the host's
+/// work and promises less.
+pub(crate) fn check() -> Outcome {
+    let fixtures = root().join("fixtures");
+    let mut found = Vec::new();
+    for &Build { name, profile, flags, directory, program } in BUILDS {
+        let directory = target().join(directory);
+        let build = ["build", "--quiet", "--package", "onescan", "--profile", profile];
+        sh(cargo(build).arg("--target-dir").arg(&directory).env("RUSTFLAGS", flags))?;
+        let out = target().join("determinism").join(name);
+        let mut fit = command(directory.join(program), ["--quiet", "fit"]);
+        fit.arg(fixtures.join("golden/small.3dmm"))
+            .arg(fixtures.join("photos/astronaut.png"))
+            .arg("--landmarks")
+            .arg(fixtures.join("photos/astronaut.tlms"))
+            .args(["--landmark-samples", "1000", "--samples", "2000", "--chains", "2", "-o"])
+            .arg(&out);
+        output(&mut fit)?;
+        let fingerprint = fingerprint(&out.join("fit.json"))?;
+        println!("{name:8} {fingerprint}");
+        found.push(fingerprint);
+    }
+    if found.iter().all(|fingerprint| *fingerprint == found[0]) {
+        Ok(())
+    } else {
+        Err("the builds disagree: somewhere the core's bits depend on how it was compiled".into())
+    }
+}
+
+/// The field of that name.
+fn fingerprint(path: &Path) -> Result<String, String> {
+    let text = fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let line = text.lines().find(|line| line.trim_start().starts_with("\"fingerprint\""));
+    let value = line.and_then(|line| line.split('"').nth(3));
+    value.map(Into::into).ok_or_else(|| format!("{}: no fingerprint", path.display()))
+}

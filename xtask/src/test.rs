@@ -1,0 +1,74 @@
+//! `cargo xtask test`: everything that must hold, in order, to the first failure.
+
+use crate::shell::{cargo, run as sh, target};
+use crate::{Outcome, determinism, no_arguments, no_std};
+use std::fs;
+use std::time::{Duration, Instant};
+
+struct Stage {
+    name: &'static str,
+    run: fn() -> Outcome,
+}
+
+/// Cheap and telling ones first.
+const STAGES: &[Stage] = &[
+    Stage { name: "format", run: || sh(&mut cargo(["fmt", "--all", "--check"])) },
+    Stage { name: "lints", run: lints },
+    Stage { name: "docs", run: docs },
+    Stage { name: "no std", run: no_std::check },
+    Stage { name: "tests", run: || sh(&mut cargo(["test", "--workspace", "--release"])) },
+    Stage { name: "determinism", run: determinism::check },
+    Stage { name: "demo", run: demo },
+];
+
+/// The command.
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    no_arguments(arguments)?;
+    let start = Instant::now();
+    let mut times = Vec::new();
+    for Stage { name, run } in STAGES {
+        println!("\n=== {name}");
+        let start = Instant::now();
+        let outcome = run();
+        times.push((name, start.elapsed()));
+        if let Err(message) = outcome {
+            show(&times);
+            return Err(format!("{name} failed\n{message}"));
+        }
+    }
+    show(&times);
+    println!("all good in {:.0} s", start.elapsed().as_secs_f64());
+    Ok(())
+}
+
+fn show(times: &[(&&str, Duration)]) {
+    println!();
+    for (name, time) in times {
+        println!("{name:12} {:6.1} s", time.as_secs_f64());
+    }
+}
+
+fn lints() -> Outcome {
+    sh(&mut cargo(["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]))
+}
+
+fn docs() -> Outcome {
+    sh(cargo(["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))
+}
+
+/// What a newcomer runs first does what the README says.
+fn demo() -> Outcome {
+    let out = target().join("demo");
+    let _ = fs::remove_dir_all(&out);
+    let run = cargo(["run", "--release", "--", "demo", "--out"]).arg(&out).status();
+    if !run.map_err(|e| e.to_string())?.success() {
+        return Err("the demo failed".into());
+    }
+    for file in ["report.html", "summary.json"] {
+        let length = fs::metadata(out.join(file)).map_or(0, |file| file.len());
+        if length == 0 {
+            return Err(format!("the demo wrote no {file} into {}", out.display()));
+        }
+    }
+    Ok(())
+}
