@@ -73,25 +73,45 @@ pub fn vertex_normals(
     }
 }
 
+/// Faces handled together: gather, a loop without branches, which vectorises, and scatter.
+const CHUNK: usize = 32;
+
 /// Adds every face's unit normal to its three corners.
 fn sum_face_normals<I: Index>(triangles: &[[I; 3]], positions: &[f32], sums: &mut [[f32; 4]]) {
     let [x, y, z] = planes(positions);
-    for triangle in triangles {
-        let [a, b, c] = triangle.map(Index::index);
-        let p = [x[a], y[a], z[a]];
-        let e1 = [x[b] - p[0], y[b] - p[1], z[b] - p[2]];
-        let e2 = [x[c] - p[0], y[c] - p[1], z[c] - p[2]];
-        let n = [
-            e1[1] * e2[2] - e1[2] * e2[1],
-            e1[2] * e2[0] - e1[0] * e2[2],
-            e1[0] * e2[1] - e1[1] * e2[0],
-        ];
-        let k = math::rsqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-        let n = [n[0] * k, n[1] * k, n[2] * k, 0.0];
-        for corner in [a, b, c] {
-            let sum = &mut sums[corner];
-            for l in 0..4 {
-                sum[l] += n[l];
+    // `[axis][corner][face]`; faces past the end of the last chunk are of no consequence.
+    let mut p = [[[0.0_f32; CHUNK]; 3]; 3];
+    let mut normals = [[0.0_f32; CHUNK]; 3];
+    for faces in triangles.chunks(CHUNK) {
+        for (t, face) in faces.iter().enumerate().take(CHUNK) {
+            for i in 0..3 {
+                let v = face[i].index();
+                p[0][i][t] = x[v];
+                p[1][i][t] = y[v];
+                p[2][i][t] = z[v];
+            }
+        }
+        let [x, y, z] = &p;
+        for t in 0..CHUNK {
+            let e1 = [x[1][t] - x[0][t], y[1][t] - y[0][t], z[1][t] - z[0][t]];
+            let e2 = [x[2][t] - x[0][t], y[2][t] - y[0][t], z[2][t] - z[0][t]];
+            let n = [
+                e1[1] * e2[2] - e1[2] * e2[1],
+                e1[2] * e2[0] - e1[0] * e2[2],
+                e1[0] * e2[1] - e1[1] * e2[0],
+            ];
+            let k = math::rsqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+            for axis in 0..3 {
+                normals[axis][t] = n[axis] * k;
+            }
+        }
+        for (t, face) in faces.iter().enumerate().take(CHUNK) {
+            let normal = [normals[0][t], normals[1][t], normals[2][t], 0.0];
+            for corner in face {
+                let sum = &mut sums[corner.index()];
+                for l in 0..4 {
+                    sum[l] += normal[l];
+                }
             }
         }
     }

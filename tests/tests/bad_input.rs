@@ -326,8 +326,8 @@ fn parameters_of_a_fit() {
     let (json, rps) = (text("fit.json"), text("fit.rps"));
     let changed = |text: &str, field: &str, value: &str| {
         let at = text.find(&format!("\"{field}\"")).unwrap_or_else(|| panic!("no {field}"));
-        let end = at + text[at..].find('\n').unwrap();
-        format!("{}\"{field}\": {value},{}", &text[..at], &text[end..])
+        let end = at + text[at..].find([',', '\n']).unwrap();
+        format!("{}\"{field}\": {value}{}", &text[..at], &text[end..])
     };
     let bad = |what: &str, text: &str, says| case(what, "bad.json", text, FIT, says);
     let bad_rps = |what: &str, text: &str, says| case(what, "bad.rps", text, RPS, says);
@@ -400,7 +400,10 @@ fn places_that_cannot_be_written() {
                 "cannot write",
             )
         },
-        case("a directory", ".", "", "render @golden/small.3dmm -o .", "is a directory"),
+        Case {
+            bytes: None,
+            ..case("a directory", ".", "", "render @golden/small.3dmm -o .", "is a directory")
+        },
     ]);
 }
 

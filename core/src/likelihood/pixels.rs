@@ -6,6 +6,7 @@
 
 use super::{LN_2PI, background};
 use crate::math;
+use crate::mesh::Index;
 use crate::model::Triangles;
 use crate::render::rasterize::Frame;
 use crate::render::shade::interpolate;
@@ -114,20 +115,32 @@ impl<'w> Fragments<'w> {
         target: &Target<'_>,
         sd: f32,
     ) {
+        match triangles {
+            Triangles::U16(t) => self.collect_from(frame, t, target, sd),
+            Triangles::U32(t) => self.collect_from(frame, t, target, sd),
+        }
+    }
+
+    fn collect_from<I: Index>(
+        &mut self,
+        frame: &Frame<'_>,
+        triangles: &[[I; 3]],
+        target: &Target<'_>,
+        sd: f32,
+    ) {
         let normaliser = ln_normaliser(f64::from(sd)) as f32;
-        let width = frame.width();
         self.len = 0;
         self.ceiling = 0.0;
         self.row_ends.fill(0);
         for row in frame.rows() {
             let mut ceiling = 0.0_f32;
-            for pixel in row * width..(row + 1) * width {
-                if let Some(([a, b, c], weights)) = frame.hit(triangles, pixel) {
-                    self.indices[self.len] = [a, b, c, pixel as u32];
-                    self.weights[self.len] = weights;
-                    self.len += 1;
-                    ceiling += normaliser - target.ln_background[pixel];
-                }
+            for hit in frame.row(row) {
+                let Some(corners) = triangles.get(hit.triangle) else { continue };
+                let [a, b, c] = corners.map(|corner| corner.index() as u32);
+                self.indices[self.len] = [a, b, c, hit.pixel as u32];
+                self.weights[self.len] = hit.weights;
+                self.len += 1;
+                ceiling += normaliser - target.ln_background[hit.pixel];
             }
             self.ceiling += f64::from(ceiling);
             self.row_ends[row] = self.len as u32;
@@ -191,24 +204,34 @@ fn row_sums(fragments: &Fragments<'_>, shaded: &[[f32; 4]], target: &Target<'_>)
     sum
 }
 
-/// Sum of squared colour differences over the fragments of one row: channels in lanes, even and
-/// odd fragments apart, combined in a fixed order.
+/// Sum of squared colour differences over the fragments of one row.
 fn row_residual(
     indices: &[[u32; 4]],
     weights: &[[f32; 2]],
     shaded: &[[f32; 4]],
     target: &[[f32; 4]],
 ) -> f32 {
-    let mut sums = [[0.0_f32; 4]; 2];
-    for (i, (&[a, b, c, pixel], &w)) in indices.iter().zip(weights).enumerate() {
+    let [r, g, b, _] = channel_residuals(indices, weights, shaded, target);
+    r + g + b
+}
+
+/// The same per channel. A function of its own so that the compiler sees four lanes alike, and
+/// not three that are going to be added.
+#[inline(never)]
+fn channel_residuals(
+    indices: &[[u32; 4]],
+    weights: &[[f32; 2]],
+    shaded: &[[f32; 4]],
+    target: &[[f32; 4]],
+) -> [f32; 4] {
+    let mut sums = [0.0_f32; 4];
+    for (&[a, b, c, pixel], &w) in indices.iter().zip(weights) {
         let color = interpolate(shaded, [a, b, c], w);
-        let observed = &target[pixel as usize];
-        let sum = &mut sums[i & 1];
+        let observed = target[pixel as usize];
         for l in 0..4 {
             let d = color[l] - observed[l];
-            sum[l] += d * d;
+            sums[l] += d * d;
         }
     }
-    let lane = |l: usize| sums[0][l] + sums[1][l];
-    lane(0) + lane(1) + lane(2)
+    sums
 }

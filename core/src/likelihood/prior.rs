@@ -31,7 +31,7 @@ impl Default for Prior {
     fn default() -> Self {
         Self {
             distance: 1000.0,
-            distance_sd: 0.5,
+            distance_sd: 0.1,
             principal_point_sd: 1.0,
             gain_sd: 0.05,
             contrast_sd: 0.1,

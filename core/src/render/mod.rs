@@ -60,10 +60,10 @@ pub fn draw(
     rasterize::rasterize(model.triangles, window, &mut frame);
 
     let mut covered = 0;
-    for (pixel, out) in pixels.iter_mut().enumerate() {
-        if let Some((corners, w)) = frame.hit(model.triangles, pixel) {
-            let color = shade::interpolate(shaded, corners, w);
-            *out = [color[0], color[1], color[2]];
+    for hit in frame.rows().flat_map(|y| frame.row(y)) {
+        if let Some(corners) = model.triangles.get(hit.triangle) {
+            let color = shade::interpolate(shaded, corners, hit.weights);
+            pixels[hit.pixel] = [color[0], color[1], color[2]];
             covered += 1;
         }
     }

@@ -14,7 +14,8 @@ const BATCH: usize = 8;
 const SNAP: f32 = 49_152.0;
 
 /// Fills `window` with `[u, v, 1/d, 0]` per vertex: window pixels on a 1/256 grid, and the inverse
-/// distance. `1/d` is 0 for vertices nearer than the near plane: their triangles are not drawn.
+/// distance. `u` and `v` are NaN for vertices nearer than the near plane: no triangle with such a
+/// corner passes for a front face, so nothing else has to look at the near plane.
 pub fn project(scene: &Scene, positions: &[f32], window: &mut [[f32; 4]]) {
     let r = scene.pose.rotation();
     let s = scene.pose.scale;
@@ -39,9 +40,11 @@ pub fn project(scene: &Scene, positions: &[f32], window: &mut [[f32; 4]]) {
             let yw = m[1][0] * x[l] + m[1][1] * y[l] + m[1][2] * z[l] + t[1];
             let d = -(m[2][0] * x[l] + m[2][1] * y[l] + m[2][2] * z[l] + t[2]);
             let i = 1.0 / d;
-            u[l] = (pixel.focal[0] * xw * i + pixel.centre[0] + SNAP) - SNAP;
-            v[l] = (pixel.centre[1] - pixel.focal[1] * yw * i + SNAP) - SNAP;
-            inverse[l] = if d > near { i } else { 0.0 };
+            // Not a branch: NaN added before the near plane, 0 behind it.
+            let visible = if d > near { 0.0 } else { f32::NAN };
+            u[l] = (pixel.focal[0] * xw * i + pixel.centre[0] + SNAP) - SNAP + visible;
+            v[l] = (pixel.centre[1] - pixel.focal[1] * yw * i + SNAP) - SNAP + visible;
+            inverse[l] = i;
         }
         for l in 0..BATCH {
             out[l] = [u[l], v[l], inverse[l], 0.0];

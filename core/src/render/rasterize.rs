@@ -1,31 +1,44 @@
 //! Z-buffered, perspective-correct rasterization of small triangles.
 //!
 //! The triangles of a face in a 256-pixel picture cover one or two pixels each, so the work is in
-//! the set-up, not in the filling: one gather per corner, one orientation test (which is the
-//! back-face test), a bounding box of pixel centres that is usually 0 to 4 pixels, and plain edge
-//! functions. Visible surfaces are kept as (triangle, two weights) per pixel and not as colours,
-//! so that new colours need no new rasterization.
+//! the set-up, not in the filling, and branches that nobody can predict cost more than the
+//! arithmetic between them. Hence two passes over [`CHUNK`] triangles at a time: the first finds,
+//! without branches and so many triangles abreast as the processor has lanes, which of the 4×4
+//! pixels from a triangle's top left corner on it covers; the second visits the covered pixels.
+//! The few triangles that need more than 4×4 pixels, or that leave the picture, are filled one
+//! by one.
+//!
+//! Visible surfaces are kept as (triangle, two weights) per pixel and not as colours, so that new
+//! colours need no new rasterization.
+//!
+//! There are no cracks: window coordinates lie on a 1/256 grid, so differences of coordinates are
+//! exact, and of two edge functions with a common edge one subtracts the very products that the
+//! other subtracts the other way round. Their signs are opposite, or both are zero and inside.
 
-use crate::math;
+use crate::math::{self, less, more};
 use crate::mesh::Index;
 use crate::model::Triangles;
 use crate::workspace::Carver;
+use core::ops::Range;
 
 /// Marks a pixel no triangle covers.
 const NONE: u32 = u32::MAX;
+
+/// Inverse distance and triangle of a pixel where nothing is visible.
+const EMPTY: [u32; 2] = [0, NONE];
 
 /// What is visible at every pixel.
 pub struct Frame<'w> {
     width: usize,
     height: usize,
-    /// Inverse distance of the visible surface, 0 where nothing is.
-    inverse_depth: &'w mut [f32],
-    /// Index of the visible triangle, [`NONE`] where nothing is.
-    triangle: &'w mut [u32],
+    /// Inverse distance of the visible surface (the bits of an f32; 0 where nothing is) and index
+    /// of the visible triangle ([`NONE`] where nothing is), next to each other in memory.
+    nearest: &'w mut [[u32; 2]],
     /// Perspective-correct weights of the triangle's second and third corner.
     weights: &'w mut [[f32; 2]],
-    /// First and one-past-last row that may be covered.
-    rows: [usize; 2],
+    /// Rows and columns that may be covered.
+    rows: Range<usize>,
+    columns: Range<usize>,
 }
 
 /// Words of memory a [`Frame`] needs.
@@ -33,118 +46,299 @@ pub const fn frame_words(width: usize, height: usize) -> usize {
     4 * width * height
 }
 
+/// What is visible at a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Index of the pixel.
+    pub pixel: usize,
+    /// Index of the triangle; past the end of the triangles where nothing is visible.
+    pub triangle: usize,
+    /// Perspective-correct weights of its second and third corner.
+    pub weights: [f32; 2],
+}
+
 impl<'w> Frame<'w> {
     /// Takes a frame's memory; `None` if there is too little. Nothing is visible in it.
     pub fn carve(carver: &mut Carver<'w>, width: usize, height: usize) -> Option<Self> {
         let pixels = width * height;
-        let inverse_depth = carver.floats(pixels)?;
-        let triangle = carver.words(pixels)?;
+        let (nearest, _) = carver.words(2 * pixels)?.as_chunks_mut();
         let weights = carver.pairs(pixels)?;
-        triangle.fill(NONE);
-        inverse_depth.fill(0.0);
-        Some(Self { width, height, inverse_depth, triangle, weights, rows: [0, 0] })
-    }
-
-    /// Columns.
-    pub fn width(&self) -> usize {
-        self.width
-    }
-
-    /// Rows.
-    pub fn height(&self) -> usize {
-        self.height
+        nearest.fill(EMPTY);
+        Some(Self { width, height, nearest, weights, rows: 0..0, columns: 0..0 })
     }
 
     /// Rows that may hold covered pixels.
-    pub fn rows(&self) -> core::ops::Range<usize> {
-        self.rows[0]..self.rows[1]
+    pub fn rows(&self) -> Range<usize> {
+        self.rows.clone()
     }
 
-    /// The inverse distance at a pixel, 0 where nothing is visible.
-    pub fn inverse_depth(&self) -> &[f32] {
-        self.inverse_depth
-    }
-
-    /// Corners of the visible triangle and the weights of its second and third corner.
+    /// The pixels of a row that may be covered.
     #[inline]
-    pub fn hit(&self, triangles: Triangles<'_>, pixel: usize) -> Option<([u32; 3], [f32; 2])> {
-        let corners = triangles.get(*self.triangle.get(pixel)? as usize)?;
-        Some((corners, *self.weights.get(pixel)?))
+    pub fn row(&self, y: usize) -> impl Iterator<Item = Hit> {
+        let first = y * self.width;
+        let pixels = first + self.columns.start..first + self.columns.end;
+        let nearest = self.nearest.get(pixels.clone()).unwrap_or_default();
+        let weights = self.weights.get(pixels.clone()).unwrap_or_default();
+        pixels.zip(nearest).zip(weights).map(|((pixel, &[_, triangle]), &weights)| Hit {
+            pixel,
+            triangle: triangle as usize,
+            weights,
+        })
     }
 
     /// Forgets everything visible; cost follows the rows that were covered.
     fn clear(&mut self) {
-        let range = self.rows[0] * self.width..self.rows[1] * self.width;
-        self.inverse_depth[range.clone()].fill(0.0);
-        self.triangle[range].fill(NONE);
-        self.rows = [self.height, 0];
+        self.nearest[self.rows.start * self.width..self.rows.end * self.width].fill(EMPTY);
+    }
+
+    /// Finds the rows and columns that triangles with these corners may cover.
+    fn bound(&mut self, window: &[[f32; 4]]) {
+        let mut low = [f32::INFINITY; 4];
+        let mut high = [f32::NEG_INFINITY; 4];
+        for corner in window {
+            for l in 0..4 {
+                // In this order a vertex that is not drawn, NaN, changes nothing.
+                low[l] = less(corner[l], low[l]);
+                high[l] = more(corner[l], high[l]);
+            }
+        }
+        // Conversions saturate. Without any vertex the range is empty.
+        let range = |axis: usize, side: usize| {
+            let first = (low[axis] as usize).min(side);
+            first..((high[axis] + 1.0) as usize).clamp(first, side)
+        };
+        self.columns = range(0, self.width);
+        self.rows = range(1, self.height);
+    }
+
+    /// Draws one pixel of a triangle whose edge functions there are `e` and whose corners have
+    /// the inverse distances `z`, unless something nearer is there.
+    #[inline(always)]
+    fn draw(&mut self, pixel: usize, triangle: u32, e: [f32; 3], z: Corners) {
+        // 1/d is linear in the window: its value is also the perspective divisor.
+        let w = [e[0] * z[0], e[1] * z[1], e[2] * z[2]];
+        let sum = w[0] + w[1] + w[2];
+        let inverse_depth = sum / (e[0] + e[1] + e[2]);
+        if let Some(nearest) = self.nearest.get_mut(pixel)
+            && let Some(weights) = self.weights.get_mut(pixel)
+            && inverse_depth > f32::from_bits(nearest[0])
+        {
+            let k = 1.0 / sum;
+            *nearest = [inverse_depth.to_bits(), triangle];
+            *weights = [w[1] * k, w[2] * k];
+        }
     }
 }
 
 /// Fills `frame` with what is visible of the triangles. `window` is [`super::project::project`]'s.
 ///
 /// A pixel belongs to a triangle if its three edge functions at the pixel's integer coordinates
-/// are not negative (edges inclusive); of several the nearest wins, the first drawn on ties.
-/// Back faces, triangles with a corner before the near plane and triangles without area are
-/// skipped.
+/// are not negative (edges inclusive); of several the nearest wins. Back faces, triangles with a
+/// corner before the near plane and triangles without area are skipped.
 pub fn rasterize(triangles: Triangles<'_>, window: &[[f32; 4]], frame: &mut Frame<'_>) {
     frame.clear();
-    if frame.width == 0 || frame.height == 0 {
-        frame.rows = [0, 0];
-        return;
-    }
+    frame.bound(window);
     match triangles {
         Triangles::U16(t) => draw(t, window, frame),
         Triangles::U32(t) => draw(t, window, frame),
     }
-    if frame.rows[0] > frame.rows[1] {
-        frame.rows = [0, 0];
-    }
+}
+
+/// One number of each corner of a triangle.
+type Corners = [f32; 3];
+
+/// Twice the areas of the triangles that a point makes with the edges opposite each corner. Not
+/// negative inside of a front face: counter-clockwise for a viewer, in a window whose y is down.
+#[inline(always)]
+fn edges([px, qx, rx]: Corners, [py, qy, ry]: Corners, [x, y]: [f32; 2]) -> [f32; 3] {
+    let [px, qx, rx] = [px - x, qx - x, rx - x];
+    let [py, qy, ry] = [py - y, qy - y, ry - y];
+    [qy * rx - qx * ry, ry * px - rx * py, py * qx - px * qy]
+}
+
+/// Triangles between the two passes: enough to keep the passes apart, few enough for the fastest
+/// cache.
+const CHUNK: usize = 64;
+/// Triangles whose pixels one loop visits: its end, which is a surprise, comes once for them all.
+const GROUP: usize = 4;
+/// Pixels along each side of what a small triangle may cover.
+const SIDE: usize = 4;
+/// One bit per pixel, so that a group's fit into one word.
+const PIXELS: usize = SIDE * SIDE;
+
+/// Adding this to a small number rounds it to a whole one, left in the low bits of the sum.
+const WHOLE: f32 = 12_582_912.0;
+/// A number on the 1/256 grid plus this rounds to the next whole number not below it.
+const ALMOST_HALF: f32 = 0.5 - 1.0 / 512.0;
+
+/// The first pass's input and results, one triangle per lane.
+struct Chunk {
+    /// Window coordinates and inverse distances, `[corner][triangle]`.
+    x: [[f32; CHUNK]; 3],
+    y: [[f32; CHUNK]; 3],
+    z: [[f32; CHUNK]; 3],
+    /// First column and row, and the pixel there.
+    left: [f32; CHUNK],
+    top: [f32; CHUNK],
+    pixel: [u32; CHUNK],
+    /// Pixels that a small triangle covers: bit `SIDE·row + column`.
+    covered: [u32; CHUNK],
+    /// Not 0 for triangles that may be visible and are not small.
+    large: [u32; CHUNK],
+}
+
+/// The way from a small triangle's first pixel to another.
+struct Step {
+    x: f32,
+    y: f32,
+    pixels: u32,
 }
 
 fn draw<I: Index>(triangles: &[[I; 3]], window: &[[f32; 4]], frame: &mut Frame<'_>) {
-    let last = |side: usize| i32::try_from(side - 1).unwrap_or(i32::MAX);
-    let (right, bottom) = (last(frame.width), last(frame.height));
-    for (id, triangle) in triangles.iter().enumerate() {
-        let [p, q, r] = triangle.map(|corner| window[corner.index()]);
-        // Twice the signed area, y down: negative is counter-clockwise for a viewer, a front face.
-        let area = (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1]);
-        let behind = p[2] == 0.0 || q[2] == 0.0 || r[2] == 0.0;
-        if !(area < 0.0) || behind {
-            continue;
+    let steps: [Step; PIXELS] = core::array::from_fn(|bit| {
+        let (x, y) = (bit % SIDE, bit / SIDE);
+        Step { x: x as f32, y: y as f32, pixels: (y * frame.width + x) as u32 }
+    });
+    let mut chunk = Chunk {
+        x: [[0.0; CHUNK]; 3],
+        y: [[0.0; CHUNK]; 3],
+        z: [[0.0; CHUNK]; 3],
+        left: [0.0; CHUNK],
+        top: [0.0; CHUNK],
+        pixel: [0; CHUNK],
+        covered: [0; CHUNK],
+        large: [0; CHUNK],
+    };
+    let mut first = 0;
+    for triangles in triangles.chunks(CHUNK) {
+        chunk.gather(triangles, window);
+        let any_large = chunk.cover(frame.width, frame.height);
+        for (group, &covered) in chunk.covered.as_chunks::<GROUP>().0.iter().enumerate() {
+            let [a, b, c, d] = covered.map(u64::from);
+            let mut rest = a | b << PIXELS | c << (2 * PIXELS) | d << (3 * PIXELS);
+            while rest != 0 {
+                let bit = rest.trailing_zeros() as usize;
+                rest &= rest - 1;
+                let t = GROUP * group + bit / PIXELS;
+                let step = &steps[bit % PIXELS];
+                let [x, y, z] = chunk.corners(t);
+                let e = edges(x, y, [chunk.left[t] + step.x, chunk.top[t] + step.y]);
+                let pixel = chunk.pixel[t].wrapping_add(step.pixels) as usize;
+                frame.draw(pixel, first + t as u32, e, z);
+            }
         }
-        let x0 = math::ceil(p[0].min(q[0]).min(r[0])).max(0);
-        let x1 = math::floor(p[0].max(q[0]).max(r[0])).min(right);
-        let y0 = math::ceil(p[1].min(q[1]).min(r[1])).max(0);
-        let y1 = math::floor(p[1].max(q[1]).max(r[1])).min(bottom);
-        if x0 > x1 || y0 > y1 {
-            continue;
+        if any_large {
+            for t in (0..CHUNK).filter(|&t| chunk.large[t] != 0) {
+                draw_large(first + t as u32, chunk.corners(t), frame);
+            }
         }
-        frame.rows[0] = frame.rows[0].min(y0 as usize);
-        frame.rows[1] = frame.rows[1].max(y1 as usize + 1);
-        let minus_inverse_area = -1.0 / area;
-        for y in y0..=y1 {
-            let fy = y as f32;
-            let row = y as usize * frame.width;
-            for x in x0..=x1 {
-                let fx = x as f32;
-                // Opposite sub-areas; their signs follow the triangle's, hence the flip.
-                let ep = (r[0] - q[0]) * (fy - q[1]) - (r[1] - q[1]) * (fx - q[0]);
-                let eq = (p[0] - r[0]) * (fy - r[1]) - (p[1] - r[1]) * (fx - r[0]);
-                let er = (q[0] - p[0]) * (fy - p[1]) - (q[1] - p[1]) * (fx - p[0]);
-                if ep > 0.0 || eq > 0.0 || er > 0.0 {
-                    continue;
-                }
-                // 1/d is linear in the window: its value is also the perspective divisor.
-                let (wp, wq, wr) = (-ep * p[2], -eq * q[2], -er * r[2]);
-                let sum = wp + wq + wr;
-                let inverse_depth = sum * minus_inverse_area;
-                let pixel = row + x as usize;
-                if inverse_depth > frame.inverse_depth[pixel] {
-                    frame.inverse_depth[pixel] = inverse_depth;
-                    frame.triangle[pixel] = id as u32;
-                    frame.weights[pixel] = [wq / sum, wr / sum];
-                }
+        first += CHUNK as u32;
+    }
+}
+
+impl Chunk {
+    /// Loads the corners of up to [`CHUNK`] triangles; lanes left over get triangles without area.
+    #[inline(always)]
+    fn gather<I: Index>(&mut self, triangles: &[[I; 3]], window: &[[f32; 4]]) {
+        for t in 0..CHUNK {
+            for i in 0..3 {
+                let corner = triangles.get(t).map_or([0.0; 4], |t| window[t[i].index()]);
+                [self.x[i][t], self.y[i][t], self.z[i][t], _] = corner;
+            }
+        }
+    }
+
+    /// x, y and inverse distance of a triangle's corners.
+    #[inline(always)]
+    fn corners(&self, t: usize) -> [Corners; 3] {
+        [&self.x, &self.y, &self.z].map(|axis| [axis[0][t], axis[1][t], axis[2][t]])
+    }
+
+    /// First pass: fills the results. Tells whether any triangle is large.
+    ///
+    /// One loop without branches, calls or exits, so that it is compiled for several lanes. (A
+    /// function of its own, so that nothing around it changes the compiler's mind.)
+    #[inline(never)]
+    fn cover(&mut self, width: usize, height: usize) -> bool {
+        let stride = width as u32;
+        let (width, height) = (width as f32, height as f32);
+        let mut any_large = 0;
+        for t in 0..CHUNK {
+            let [px, qx, rx] = [self.x[0][t], self.x[1][t], self.x[2][t]];
+            let [py, qy, ry] = [self.y[0][t], self.y[1][t], self.y[2][t]];
+            let (x0, x1) = (less(less(px, qx), rx), more(more(px, qx), rx));
+            let (y0, y1) = (less(less(py, qy), ry), more(more(py, qy), ry));
+
+            // First column and row: rounded up.
+            let column = x0 + ALMOST_HALF + WHOLE;
+            let row = y0 + ALMOST_HALF + WHOLE;
+            let (left, top) = (column - WHOLE, row - WHOLE);
+            self.left[t] = left;
+            self.top[t] = top;
+            let whole = |x: f32| x.to_bits().wrapping_sub(WHOLE.to_bits());
+            self.pixel[t] = whole(row).wrapping_mul(stride).wrapping_add(whole(column));
+
+            // How the edge functions change to the right and down.
+            let right = [ry - qy, py - ry, qy - py];
+            let down = [qx - rx, rx - px, px - qx];
+            let area = right[2] * down[1] - right[1] * down[2];
+            let front = if area > 0.0 { u32::MAX } else { 0 };
+            let side = SIDE as f32;
+            let small = (x0 >= 0.0)
+                & (y0 >= 0.0)
+                & (x1 < width)
+                & (y1 < height)
+                & (x1 < left + side)
+                & (y1 < top + side);
+            let small = if small { u32::MAX } else { 0 };
+            let large = front & !small;
+            self.large[t] = large;
+            any_large |= large;
+
+            // On the grid these small sums are exact: they equal `edges` at the other pixels.
+            let e0 = edges([px, qx, rx], [py, qy, ry], [left, top]);
+            let e1 = sum(e0, down);
+            let e2 = sum(e1, down);
+            let e3 = sum(e2, down);
+            let covered = cover_row(e0, right)
+                | cover_row(e1, right) << SIDE
+                | cover_row(e2, right) << (2 * SIDE)
+                | cover_row(e3, right) << (3 * SIDE);
+            self.covered[t] = covered & front & small;
+        }
+        any_large != 0
+    }
+}
+
+#[inline(always)]
+fn sum(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// Which of a row's [`SIDE`] pixels a triangle covers, one bit each; `e` are its edge functions at
+/// the first pixel.
+#[inline(always)]
+fn cover_row(e: [f32; 3], right: [f32; 3]) -> u32 {
+    let inside = |e: [f32; 3], bit: u32| if less(less(e[0], e[1]), e[2]) >= 0.0 { bit } else { 0 };
+    let e1 = sum(e, right);
+    let e2 = sum(e1, right);
+    let e3 = sum(e2, right);
+    inside(e, 1) | inside(e1, 2) | inside(e2, 4) | inside(e3, 8)
+}
+
+/// Draws a front face of any size, at any place.
+#[inline(never)]
+fn draw_large(triangle: u32, [x, y, z]: [Corners; 3], frame: &mut Frame<'_>) {
+    let range = |[p, q, r]: Corners, side: usize| {
+        let last = i32::try_from(side).unwrap_or(i32::MAX) - 1;
+        let first = math::ceil(less(less(p, q), r)).max(0);
+        first..=math::floor(more(more(p, q), r)).min(last)
+    };
+    for row in range(y, frame.height) {
+        for column in range(x, frame.width) {
+            let e = edges(x, y, [column as f32, row as f32]);
+            if e.iter().all(|&e| e >= 0.0) {
+                frame.draw(row as usize * frame.width + column as usize, triangle, e, z);
             }
         }
     }

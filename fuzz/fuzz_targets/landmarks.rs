@@ -1,0 +1,13 @@
+//! Landmarks of a scan name vertices of it, each name once.
+#![no_main]
+use libfuzzer_sys::fuzz_target;
+use onescan::landmarks;
+
+fuzz_target!(|data: &str| {
+    let points: Vec<_> = (0..50_u8).map(|i| [f32::from(i), 0.0, 1.0]).collect();
+    let Ok(landmarks) = landmarks::parse(data, &points, 1.0) else { return };
+    for (i, landmark) in landmarks.iter().enumerate() {
+        assert!((landmark.vertex as usize) < points.len());
+        assert!(landmarks[..i].iter().all(|other| other.name != landmark.name));
+    }
+});
