@@ -22,6 +22,9 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
         sh(cargo(["install", "--quiet", "--locked", "cargo-fuzz", "--root"]).arg(&tools))?;
     }
     let fuzz = root().join("fuzz");
+    // The versions that the workspace is tested with.
+    fs::copy(root().join("Cargo.lock"), fuzz.join("Cargo.lock"))
+        .map_err(|e| format!("{}: {e}", fuzz.display()))?;
     let mut targets: Vec<String> = fs::read_dir(fuzz.join("fuzz_targets"))
         .map_err(|e| format!("{}: {e}", fuzz.display()))?
         .filter_map(|entry| Some(entry.ok()?.path().file_stem()?.to_string_lossy().into_owned()))

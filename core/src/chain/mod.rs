@@ -89,7 +89,7 @@ impl Default for Config {
             samples: 5000,
             landmark_sd: 4.0,
             pixel_sd: 0.043,
-            pixel_patch: 100.0,
+            pixel_patch: 80.0,
             prior: Prior::default(),
             search: true,
         }
