@@ -146,7 +146,7 @@ fn drift(branches: &[Branch], scenes: usize, steps: usize) -> (f64, f64) {
             let variance = (s2 / n - (s / n).powi(2)).max(1e-12);
             worst.max((s / n).abs() / (variance / n).sqrt())
         });
-    (worst, accepted as f64 / (scenes * steps) as f64)
+    (worst, f64::from(accepted) / (scenes * steps) as f64)
 }
 
 fn assert_invariant(name: &'static str, kind: Move, centre: Option<usize>) {

@@ -104,7 +104,7 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize) -> Case {
     let rigid = OwnedModel::rigid(&truth, &landmarks).unwrap();
     let mut rng = Rng::new(1000 + number as u64, 0);
     let mut scene = Scene::initial(256, 256, 0, 0);
-    let side = if number / YAWS.len() % 2 == 0 { 1.0 } else { -1.0 };
+    let side = if (number / YAWS.len()).is_multiple_of(2) { 1.0 } else { -1.0 };
     scene.pose.yaw = side * YAWS[number % YAWS.len()].to_radians();
     random_light(&mut scene, &mut rng);
     let (photo, landmarks) = synthetic_photo(&rigid.view(), &scene, 0.02, &mut rng).unwrap();

@@ -101,8 +101,9 @@ fn links_alone() -> Outcome {
     let manifest = format!(
         "[package]\nname = \"no-std\"\nedition = \"2024\"\n\
          [lib]\npath = \"lib.rs\"\ncrate-type = [\"staticlib\"]\n\
-         [dependencies]\nonescan-core = {{ path = {core:?} }}\n\
-         [profile.dev]\npanic = \"abort\"\n[workspace]\n"
+         [dependencies]\nonescan-core = {{ path = \"{}\" }}\n\
+         [profile.dev]\npanic = \"abort\"\n[workspace]\n",
+        core.display()
     );
     fs::create_dir_all(&place)
         .and_then(|()| fs::write(place.join("Cargo.toml"), manifest))

@@ -15,7 +15,7 @@ pub(super) struct Bench {
 }
 
 impl Bench {
-    pub(super) fn run(self, console: &Console) -> Result<()> {
+    pub(super) fn run(self, console: Console) -> Result<()> {
         let mut task = console.task("measuring", 1000);
         let report = bench::measure(&mut |done| task.set((1000.0 * done) as u64))?;
         task.finish();

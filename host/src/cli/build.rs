@@ -69,7 +69,7 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl Build {
-    pub(super) fn run(self, console: &Console) -> Result<()> {
+    pub(super) fn run(self, console: Console) -> Result<()> {
         output_file(&self.output)?;
         let scan = ply::read(&self.scan)?;
         let millimetres = match self.unit {

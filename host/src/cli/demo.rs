@@ -47,7 +47,7 @@ impl Demo {
     const OUT: &'static str = "out/demo";
     const SEED: u64 = 7;
 
-    pub(super) fn run(self, console: &Console) -> Result<()> {
+    pub(super) fn run(self, console: Console) -> Result<()> {
         output_directory(&self.out)?;
         let mut task = console.task("building the model", 1000);
         let built = template_model(RANK, &mut |done, _| task.set((1000.0 * done) as u64))?;

@@ -69,7 +69,7 @@ pub(super) struct Fit {
 }
 
 fn rank() -> clap::builder::RangedI64ValueParser<u32> {
-    clap::value_parser!(u32).range(0..=MAX_RANK as i64)
+    clap::value_parser!(u32).range(0..=i64::try_from(MAX_RANK).unwrap_or(i64::MAX))
 }
 
 fn at_least_one(text: &str) -> std::result::Result<f32, String> {
@@ -80,7 +80,7 @@ fn at_least_one(text: &str) -> std::result::Result<f32, String> {
 }
 
 impl Fit {
-    pub(super) fn run(self, console: &Console) -> Result<()> {
+    pub(super) fn run(self, console: Console) -> Result<()> {
         output_directory(&self.output)?;
         let file = OwnedModel::read(&self.model)?;
         let model = file.view();
@@ -197,7 +197,7 @@ impl Fit {
         add(self.chains != 1, format!("--chains {}", self.chains));
         add(self.size != Crop::LONGER_SIDE, format!("--size {}", self.size));
         add(
-            config.pixel_patch != base.pixel_patch,
+            config.pixel_patch.to_bits() != base.pixel_patch.to_bits(),
             format!("--pixel-patch {}", config.pixel_patch),
         );
         add(self.sampler, "--sampler".into());
@@ -214,7 +214,7 @@ pub(super) fn watch(
 ) -> Result<Ending> {
     let steps = AtomicU64::new(0);
     let done = AtomicBool::new(false);
-    let ending = std::thread::scope(|scope| {
+    std::thread::scope(|scope| {
         let watcher = scope.spawn(|| {
             while !done.load(Ordering::Relaxed) {
                 task.set(steps.load(Ordering::Relaxed));
@@ -226,8 +226,7 @@ pub(super) fn watch(
         done.store(true, Ordering::Relaxed);
         watcher.thread().unpark();
         ending
-    });
-    ending
+    })
 }
 
 /// A finished fit has no use for its checkpoint; if it stays, it is refused by the next --resume.

@@ -61,14 +61,14 @@ impl Arguments {
     pub(crate) fn run(self) -> Result<()> {
         let console = Console::new(self.quiet);
         match self.command {
-            None => demo::Demo::default().run(&console),
-            Some(Command::Demo(command)) => command.run(&console),
-            Some(Command::Build(command)) => command.run(&console),
+            None => demo::Demo::default().run(console),
+            Some(Command::Demo(command)) => command.run(console),
+            Some(Command::Build(command)) => command.run(console),
             Some(Command::Info(command)) => command.run(),
-            Some(Command::Sample(command)) => command.run(&console),
-            Some(Command::Render(command)) => command.run(&console),
-            Some(Command::Fit(command)) => command.run(&console),
-            Some(Command::Bench(command)) => command.run(&console),
+            Some(Command::Sample(command)) => command.run(console),
+            Some(Command::Render(command)) => command.run(console),
+            Some(Command::Fit(command)) => command.run(console),
+            Some(Command::Bench(command)) => command.run(console),
         }
     }
 }

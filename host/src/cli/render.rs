@@ -44,7 +44,7 @@ fn degrees(text: &str) -> std::result::Result<f32, String> {
 }
 
 impl Render {
-    pub(super) fn run(self, console: &Console) -> Result<()> {
+    pub(super) fn run(self, console: Console) -> Result<()> {
         output_file(&self.output)?;
         let file = OwnedModel::read(&self.model)?;
         let model = file.view();

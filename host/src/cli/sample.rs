@@ -12,7 +12,7 @@ use onescan::render;
 use onescan_core::rng::Rng;
 use std::path::PathBuf;
 
-/// Writes sample_NN.ply (albedo as vertex colours) and samples.png, a sheet of them all.
+/// Writes `sample_NN.ply` (albedo as vertex colours) and samples.png, a sheet of them all.
 #[derive(Args)]
 pub(super) struct Sample {
     /// The model, .3dmm.
@@ -39,7 +39,7 @@ const SIDE: u32 = 256;
 const SHOWN: usize = 48;
 
 impl Sample {
-    pub(super) fn run(self, console: &Console) -> Result<()> {
+    pub(super) fn run(self, console: Console) -> Result<()> {
         let file = OwnedModel::read(&self.model)?;
         let model = file.view();
         output_directory(&self.output)?;

@@ -1,0 +1,91 @@
+//! The fast renderer draws what its naive twin draws: per-pixel shading with interpolated normals,
+//! in double precision.
+
+use onescan::demo::{random_light, template_model};
+use onescan_core::basis::field_len;
+use onescan_core::rng::Rng;
+use onescan_core::scene::Scene;
+use onescan_core::{mesh, naive, render};
+
+const SIDE: usize = 256;
+/// Largest colour difference away from silhouettes.
+const LIMIT: f32 = 2.0 / 255.0;
+
+#[test]
+fn no_pixel_differs_from_the_naive_twin_except_on_silhouettes() {
+    let built = template_model(20, &mut |_, _| ()).unwrap();
+    let model = built.model.view();
+    let mut rng = Rng::new(3, 0);
+    for number in 0..8 {
+        let mut scene = Scene::initial(SIDE as u32, SIDE as u32, 20, 20);
+        for c in scene.shape.iter_mut().chain(&mut scene.albedo) {
+            *c = rng.normal() as f32;
+        }
+        scene.pose.yaw = rng.normal_sd(0.5);
+        scene.pose.pitch = rng.normal_sd(0.2);
+        scene.pose.roll = rng.normal_sd(0.2);
+        random_light(&mut scene, &mut rng);
+
+        let mut fast = vec![[f32::NAN; 3]; SIDE * SIDE];
+        let mut memory = vec![0; render::draw_words(model.vertices(), SIDE, SIDE)];
+        render::draw(&model, &scene, &mut memory, &mut fast).unwrap();
+
+        let field = || vec![0.0; field_len(model.vertices())];
+        let (mut positions, mut normals, mut albedo) = (field(), field(), field());
+        model.shape.instance(&scene.shape, &mut positions);
+        naive::vertex_normals(&model, &positions, &mut normals);
+        model.albedo.instance(&scene.albedo, &mut albedo);
+        let mut slow = vec![[f32::NAN; 3]; SIDE * SIDE];
+        let mut depth = vec![0.0; SIDE * SIDE];
+        naive::draw(&model, &scene, [&positions, &normals, &albedo], &mut depth, &mut slow);
+
+        let mut wrong = 0;
+        let mut compared = 0;
+        for y in 1..SIDE - 1 {
+            for x in 1..SIDE - 1 {
+                if silhouette(&depth, x, y) {
+                    continue;
+                }
+                let (a, b) = (fast[y * SIDE + x], slow[y * SIDE + x]);
+                compared += usize::from(!b[0].is_nan());
+                assert_eq!(a[0].is_nan(), b[0].is_nan(), "scene {number}: coverage at {x}, {y}");
+                wrong += usize::from((0..3).any(|c| (a[c] - b[c]).abs() > LIMIT));
+            }
+        }
+        assert!(compared > 10_000, "scene {number} shows too little: {compared} pixels");
+        assert_eq!(wrong, 0, "scene {number}: pixels that differ by more than 2/255");
+    }
+}
+
+/// Whether surfaces more than 3 mm apart in depth, or the end of the surface, meet next to a pixel.
+fn silhouette(inverse_depth: &[f32], x: usize, y: usize) -> bool {
+    let at = |x: usize, y: usize| inverse_depth[y * SIDE + x];
+    let here = at(x, y);
+    (y - 1..=y + 1).any(|v| {
+        (x - 1..=x + 1).any(|u| {
+            let there = at(u, v);
+            (here == 0.0) != (there == 0.0) || here > 0.0 && (1.0 / here - 1.0 / there).abs() > 3.0
+        })
+    })
+}
+
+#[test]
+fn stages_agree_with_their_twins() {
+    let built = template_model(20, &mut |_, _| ()).unwrap();
+    let model = built.model.view();
+    let mut rng = Rng::new(5, 0);
+    let coefficients: Vec<f32> = (0..20).map(|_| rng.normal() as f32).collect();
+    let field = || vec![0.0; field_len(model.vertices())];
+    let (mut fast, mut slow) = (field(), field());
+    model.shape.instance(&coefficients, &mut fast);
+    naive::instance(&model.shape, &coefficients, &mut slow);
+    assert_eq!(fast, slow, "an instance is one sum in component order");
+
+    let positions = fast.clone();
+    let mut sums = vec![[0.0; 4]; mesh::sums_len(model.vertices())];
+    mesh::vertex_normals(&model, &positions, &mut sums, &mut fast);
+    naive::vertex_normals(&model, &positions, &mut slow);
+    for (a, b) in fast.iter().zip(&slow) {
+        assert!((a - b).abs() < 1e-5, "normals: {a} {b}");
+    }
+}
