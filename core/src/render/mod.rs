@@ -5,8 +5,8 @@
 //! [`project`] and [`rasterize`] before it.
 //!
 //! Colours are computed per vertex and interpolated perspective-correctly per pixel. With
-//! triangles of one or two pixels this differs from shading every pixel by less than one step of
-//! an 8-bit picture; the per-pixel twin in the tests is the oracle.
+//! triangles of one or two pixels this is what shading every pixel gives, but for creases where
+//! normals turn within a triangle; the per-pixel twin in the tests is the oracle.
 
 pub mod project;
 pub mod rasterize;
