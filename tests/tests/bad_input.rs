@@ -120,8 +120,8 @@ fn scans() {
         Case { bytes: None, ..case("missing", "bad.ply", "", BUILD, "No such file") },
         case("no bytes", "bad.ply", "", BUILD, "not a PLY file"),
         case("another format", "bad.ply", "solid cube\n", BUILD, "not a PLY file"),
-        bad("NaN vertex", "10 0 0", "nan 0 0", "vertex 1: position"),
-        bad("infinite vertex", "10 0 0", "0 inf 0", "vertex 1: position"),
+        bad("NaN vertex", "10 0 0", "nan 0 0", "Line 14"),
+        bad("infinite vertex", "10 0 0", "0 inf 0", "Line 14"),
         bad("index out of range", "3 1 2 3", "3 1 2 4", "face 3: vertex index 4 is out of range"),
         bad("negative index", "3 1 2 3", "3 1 2 -1", "vertex index -1 is out of range"),
         bad("no colours", "property uchar red", "property uchar rod", "has no vertex colours"),
@@ -325,7 +325,7 @@ fn parameters_of_a_fit() {
     let text = |name: &str| fs::read_to_string(place.path().join("fit").join(name)).unwrap();
     let (json, rps) = (text("fit.json"), text("fit.rps"));
     let changed = |text: &str, field: &str, value: &str| {
-        let at = text.find(&format!("\"{field}\"")).unwrap_or_else(|| panic!("no {field}"));
+        let at = text.find(&format!("\"{field}\":")).unwrap_or_else(|| panic!("no {field}"));
         let end = at + text[at..].find([',', '\n']).unwrap();
         format!("{}\"{field}\": {value}{}", &text[..at], &text[end..])
     };
