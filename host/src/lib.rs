@@ -10,7 +10,7 @@
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
-//! | the demo, the benchmark | [`demo`], [`bench`] |
+//! | the demo, the benchmark | [`demo`], [`mod@bench`] |
 //! | files, errors, progress | [`files`], [`error`], [`progress`] |
 
 pub mod bench;

@@ -2,7 +2,7 @@
 //!
 //! The triangles of a face in a 256-pixel picture cover one or two pixels each, so the work is in
 //! the set-up, not in the filling, and branches that nobody can predict cost more than the
-//! arithmetic between them. Hence two passes over [`CHUNK`] triangles at a time: the first finds,
+//! arithmetic between them. Hence two passes over `CHUNK` triangles at a time: the first finds,
 //! without branches and so many triangles abreast as the processor has lanes, which of the 4×4
 //! pixels from a triangle's top left corner on it covers; the second visits the covered pixels.
 //! The few triangles that need more than 4×4 pixels, or that leave the picture, are filled one
