@@ -5,6 +5,9 @@
 //! The eigenbasis is stored in blocks of [`LANES`] field entries, and within a block component
 //! after component: an instance streams the bytes once, front to back, with the accumulators in
 //! registers. Every entry is one sum in component order, whatever the vector width.
+//!
+//! An instance is bounded by memory, so entries are 16-bit integers in units of their component's
+//! *quantum*: 1/32767 of its largest entry, which is far below what its samples differ by.
 
 /// Field entries per block of the basis.
 pub const LANES: usize = 32;
@@ -23,8 +26,10 @@ pub const fn field_len(vertices: usize) -> usize {
 #[derive(Clone, Copy, Debug)]
 pub struct Basis<'a> {
     pub(crate) mean: &'a [[f32; LANES]],
-    /// `[block][component]`, already multiplied by `√λ`.
-    pub(crate) columns: &'a [[f32; LANES]],
+    /// `[block][component]`, already multiplied by `√λ`, in quanta.
+    pub(crate) columns: &'a [[i16; LANES]],
+    /// Per component.
+    pub(crate) quantum: &'a [f32],
     pub(crate) variance: &'a [f32],
     pub(crate) total_variance: f64,
 }
@@ -50,28 +55,41 @@ impl<'a> Basis<'a> {
         self.mean.as_flattened()
     }
 
-    /// Fills `field` (length [`field_len`]) with the instance of the coefficients. Coefficients
-    /// beyond the rank are ignored, missing ones count as zero.
-    pub fn instance(&self, coefficients: &[f32], field: &mut [f32]) {
+    /// Fills `vertices` (length [`padded`]`(vertices)`) with the instance of the coefficients,
+    /// `[x, y, z, 0]` or `[R, G, B, 0]` each. Coefficients beyond the rank are ignored, missing
+    /// ones count as zero.
+    #[inline(always)]
+    pub fn instance(&self, coefficients: &[f32], vertices: &mut [[f32; 4]]) {
         let rank = self.rank();
-        let (blocks, _) = field.as_chunks_mut::<LANES>();
-        if rank == 0 {
-            for (out, mean) in blocks.iter_mut().zip(self.mean) {
-                *out = *mean;
-            }
-            return;
-        }
-        for ((out, mean), columns) in
-            blocks.iter_mut().zip(self.mean).zip(self.columns.chunks_exact(rank))
-        {
-            let mut sum = *mean;
-            for (&c, column) in coefficients.iter().zip(columns) {
+        let blocks = self.mean.len() / 3;
+        let (out, _) = vertices.as_chunks_mut::<LANES>();
+        for (block, out) in (0..blocks).zip(out) {
+            // Three streams at a time hide the memory's latency.
+            let start = [block, blocks + block, 2 * blocks + block];
+            let mut sum = start.map(|at| self.mean.get(at).copied().unwrap_or([0.0; LANES]));
+            let [x, y, z] = start.map(|at| self.columns.get(at * rank..).unwrap_or_default());
+            let columns = x.iter().zip(y).zip(z);
+            for ((c, quantum), ((x, y), z)) in coefficients.iter().zip(self.quantum).zip(columns) {
+                let c = c * quantum;
                 for l in 0..LANES {
-                    sum[l] += c * column[l];
+                    sum[0][l] += c * f32::from(x[l]);
+                    sum[1][l] += c * f32::from(y[l]);
+                    sum[2][l] += c * f32::from(z[l]);
                 }
             }
-            *out = sum;
+            for (l, vertex) in out.iter_mut().enumerate() {
+                *vertex = [sum[0][l], sum[1][l], sum[2][l], 0.0];
+            }
         }
+    }
+
+    /// What coefficient `c` of component `k` adds to one field entry.
+    ///
+    /// # Panics
+    /// If `entry` or `k` is out of range.
+    pub fn term(&self, entry: usize, k: usize, c: f32) -> f32 {
+        let column = &self.columns[entry / LANES * self.rank() + k];
+        c * self.quantum[k] * f32::from(column[entry % LANES])
     }
 
     /// Component `k` at one field entry, scaled by its standard deviation.
@@ -79,6 +97,6 @@ impl<'a> Basis<'a> {
     /// # Panics
     /// If `entry` or `k` is out of range.
     pub fn entry(&self, entry: usize, k: usize) -> f32 {
-        self.columns[entry / LANES * self.rank() + k][entry % LANES]
+        self.term(entry, k, 1.0)
     }
 }

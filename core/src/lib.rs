@@ -12,6 +12,7 @@
 //! | hypothesis → next hypothesis | [`proposal`], [`rng`] |
 //! | Metropolis–Hastings, filters, stages | [`chain`] |
 //! | memory for all of it | [`workspace`] |
+//! | the expensive stages, exchangeable | [`engine`] |
 //! | oracles for the tests | [`naive`] |
 //!
 //! # Contract
@@ -31,6 +32,7 @@ extern crate std;
 
 pub mod basis;
 pub mod chain;
+pub mod engine;
 pub mod hash;
 pub mod light;
 pub mod likelihood;

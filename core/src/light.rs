@@ -113,7 +113,7 @@ impl ModelLight {
     }
 
     /// Radiance at a unit normal of the model's frame.
-    #[inline]
+    #[inline(always)]
     pub fn radiance(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         let t = &self.terms;
         let d = x * x - y * y;

@@ -44,7 +44,7 @@ pub fn sqrt_f64(x: f64) -> f64 {
 /// same bits everywhere. Zero gives a large finite number, so `0 · rsqrt(0)` is 0.
 ///
 /// A magic-constant guess (relative error 3.4 %) and three Newton steps `y ← y(3 − xy²)/2`.
-#[inline]
+#[inline(always)]
 pub fn rsqrt(x: f32) -> f32 {
     let half = 0.5 * x;
     let mut y = f32::from_bits(0x5f37_59df_u32.wrapping_sub(x.to_bits() >> 1));
@@ -55,13 +55,13 @@ pub fn rsqrt(x: f32) -> f32 {
 }
 
 /// The smaller of two numbers, the second if one is NaN: one instruction, unlike `f32::min`.
-#[inline]
+#[inline(always)]
 pub fn less(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 /// The larger of two numbers, the second if one is NaN: one instruction, unlike `f32::max`.
-#[inline]
+#[inline(always)]
 pub fn more(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }

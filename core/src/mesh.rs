@@ -3,9 +3,8 @@
 //! A vertex normal is the normalised, unweighted mean of the unit normals of the faces around it
 //! (FACTS §3.3). Isolated vertices and vertices of degenerate faces only get the zero vector.
 
-use crate::basis::padded;
 use crate::math;
-use crate::model::{Model, Triangles};
+use crate::model::Triangles;
 
 /// A vertex index as stored in a model.
 pub trait Index: Copy {
@@ -27,49 +26,29 @@ impl Index for u32 {
     }
 }
 
-/// Splits a field into its three planes.
-#[inline]
-pub fn planes(field: &[f32]) -> [&[f32]; 3] {
-    let n = field.len() / 3;
-    let (x, rest) = field.split_at(n);
-    let (y, z) = rest.split_at(n);
-    [x, y, z]
+/// Rows to columns.
+#[inline(always)]
+pub(crate) fn transpose(rows: [[f32; 4]; 4]) -> [[f32; 4]; 4] {
+    core::array::from_fn(|i| rows.map(|row| row[i]))
 }
 
-/// Splits a field into its three planes, mutably.
-#[inline]
-pub fn planes_mut(field: &mut [f32]) -> [&mut [f32]; 3] {
-    let n = field.len() / 3;
-    let (x, rest) = field.split_at_mut(n);
-    let (y, z) = rest.split_at_mut(n);
-    [x, y, z]
-}
-
-/// The three numbers of one vertex.
-#[inline]
-pub fn vertex(field: &[f32], index: usize) -> [f32; 3] {
-    let [x, y, z] = planes(field);
-    [x[index], y[index], z[index]]
-}
-
-/// Fills `normals` (a field) with the unit vertex normals of `positions` (a field), in the same
-/// frame. `sums` is scratch, four numbers per vertex.
-pub fn vertex_normals(
-    model: &Model<'_>,
-    positions: &[f32],
-    sums: &mut [[f32; 4]],
-    normals: &mut [f32],
-) {
-    sums.fill([0.0; 4]);
-    match model.triangles {
-        Triangles::U16(t) => sum_face_normals(t, positions, sums),
-        Triangles::U32(t) => sum_face_normals(t, positions, sums),
+/// Fills `normals` with the unit vertex normals of `positions`, in the same frame; four numbers
+/// per vertex, the last zero.
+#[inline(always)]
+pub fn vertex_normals(triangles: Triangles<'_>, positions: &[[f32; 4]], normals: &mut [[f32; 4]]) {
+    normals.fill([0.0; 4]);
+    match triangles {
+        Triangles::U16(t) => sum_face_normals(t, positions, normals),
+        Triangles::U32(t) => sum_face_normals(t, positions, normals),
     }
-    let [nx, ny, nz] = planes_mut(normals);
-    for (((sum, x), y), z) in sums.iter().zip(nx).zip(ny).zip(nz) {
-        let [a, b, c, _] = *sum;
-        let k = math::rsqrt(a * a + b * b + c * c);
-        (*x, *y, *z) = (a * k, b * k, c * k);
+    for normals in normals.as_chunks_mut::<CHUNK>().0 {
+        let mut lengths = [0.0_f32; CHUNK];
+        for (k, [a, b, c, _]) in lengths.iter_mut().zip(&*normals) {
+            *k = math::rsqrt(a * a + b * b + c * c);
+        }
+        for (normal, k) in normals.iter_mut().zip(lengths) {
+            *normal = normal.map(|x| x * k);
+        }
     }
 }
 
@@ -77,18 +56,15 @@ pub fn vertex_normals(
 const CHUNK: usize = 32;
 
 /// Adds every face's unit normal to its three corners.
-fn sum_face_normals<I: Index>(triangles: &[[I; 3]], positions: &[f32], sums: &mut [[f32; 4]]) {
-    let [x, y, z] = planes(positions);
+#[inline(always)]
+fn sum_face_normals<I: Index>(triangles: &[[I; 3]], positions: &[[f32; 4]], sums: &mut [[f32; 4]]) {
     // `[axis][corner][face]`; faces past the end of the last chunk are of no consequence.
     let mut p = [[[0.0_f32; CHUNK]; 3]; 3];
     let mut normals = [[0.0_f32; CHUNK]; 3];
     for faces in triangles.chunks(CHUNK) {
         for (t, face) in faces.iter().enumerate().take(CHUNK) {
             for i in 0..3 {
-                let v = face[i].index();
-                p[0][i][t] = x[v];
-                p[1][i][t] = y[v];
-                p[2][i][t] = z[v];
+                [p[0][i][t], p[1][i][t], p[2][i][t], _] = positions[face[i].index()];
             }
         }
         let [x, y, z] = &p;
@@ -115,9 +91,4 @@ fn sum_face_normals<I: Index>(triangles: &[[I; 3]], positions: &[f32], sums: &mu
             }
         }
     }
-}
-
-/// Length of the `sums` scratch of [`vertex_normals`].
-pub const fn sums_len(vertices: usize) -> usize {
-    padded(vertices)
 }

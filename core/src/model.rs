@@ -15,15 +15,16 @@
 //! | 40 | 4 | albedo rank |
 //! | 44 | 4 | landmarks `L` |
 //! | 48 | 4 | bytes per vertex index: 2 (`V ≤ 65536`) or 4 |
-//! | 52 | 4 | scalar of the bases: 0 = f32 |
+//! | 52 | 4 | how bases are stored: 0 = i16 in quanta |
 //! | 56 | 8 | total shape variance, f64, mm² (trace of the covariance before truncation) |
 //! | 64 | 8 | total albedo variance, f64 |
-//! | 72 | 80 | ten sections: offset in units of 64 bytes (u32), length in bytes (u32) |
-//! | 152 | 40 | zero |
+//! | 72 | 96 | twelve sections: offset in units of 64 bytes (u32), length in bytes (u32) |
+//! | 168 | 24 | zero |
 //!
-//! Sections: 0 shape mean, 1 shape basis, 2 shape variance, 3 albedo mean, 4 albedo basis,
-//! 5 albedo variance, 6 triangles, 7 landmarks (`u32` vertex, name offset, name length),
-//! 8 landmark names, 9 provenance. Fields and bases are laid out as [`crate::basis`] says.
+//! Sections: 0 shape mean, 1 shape basis, 2 shape variance (per component), 3 shape quantum (per
+//! component), 4 to 7 the same of the albedo, 8 triangles, 9 landmarks (`u32` vertex, name offset,
+//! name length), 10 landmark names, 11 provenance. Means and variances are f32, bases i16; fields
+//! and bases are laid out as [`crate::basis`] says.
 
 use crate::basis::{Basis, LANES, padded};
 use crate::hash;
@@ -49,9 +50,11 @@ pub enum Section {
     ShapeMean,
     ShapeBasis,
     ShapeVariance,
+    ShapeQuantum,
     AlbedoMean,
     AlbedoBasis,
     AlbedoVariance,
+    AlbedoQuantum,
     Triangles,
     Landmarks,
     Names,
@@ -60,13 +63,15 @@ pub enum Section {
 
 impl Section {
     /// All of them, in file order.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 12] = [
         Self::ShapeMean,
         Self::ShapeBasis,
         Self::ShapeVariance,
+        Self::ShapeQuantum,
         Self::AlbedoMean,
         Self::AlbedoBasis,
         Self::AlbedoVariance,
+        Self::AlbedoQuantum,
         Self::Triangles,
         Self::Landmarks,
         Self::Names,
@@ -78,9 +83,11 @@ impl Section {
             "shape mean",
             "shape basis",
             "shape variance",
+            "shape quantum",
             "albedo mean",
             "albedo basis",
             "albedo variance",
+            "albedo quantum",
             "triangles",
             "landmarks",
             "landmark names",
@@ -354,7 +361,7 @@ impl<'a> Header<'a> {
             .map_err(|e| ModelError::Content { section, index: e.valid_up_to() as u32 })
     }
 
-    /// The basis whose three sections start at `mean`.
+    /// The basis whose four sections start at `mean`.
     fn basis(
         &self,
         vertices: usize,
@@ -362,7 +369,8 @@ impl<'a> Header<'a> {
         rank: u32,
         total_at: usize,
     ) -> Result<Basis<'a>, ModelError> {
-        let [mean, columns, variance] = [0, 1, 2].map(|i| Section::ALL[mean as usize + i]);
+        let [mean, columns, variance, quantum] =
+            [0, 1, 2, 3].map(|i| Section::ALL[mean as usize + i]);
         let blocks = 3 * padded(vertices) / LANES;
         let rank = rank as usize;
         let count =
@@ -375,12 +383,13 @@ impl<'a> Header<'a> {
             mean: self.section(mean, blocks)?,
             columns: self.section(columns, count)?,
             variance: self.section(variance, rank)?,
+            quantum: self.section(quantum, rank)?,
             total_variance,
         };
         for (section, numbers) in [
             (mean, basis.mean.as_flattened()),
-            (columns, basis.columns.as_flattened()),
             (variance, basis.variance),
+            (quantum, basis.quantum),
         ] {
             if let Some(index) = numbers.iter().position(|x| !x.is_finite()) {
                 return Err(ModelError::Content { section, index: index as u32 });

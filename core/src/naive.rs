@@ -1,12 +1,13 @@
 //! The slow, obvious twins of the optimised stages: oracles of the tests, yardsticks of the
 //! benches. Nothing in a fit calls them.
 
+use crate::basis::Basis;
 use crate::light;
 use crate::likelihood::background;
 use crate::likelihood::pixels::ln_normaliser;
 use crate::math;
-use crate::mesh::{planes_mut, vertex};
 use crate::model::Model;
+use crate::render::rasterize::Frame;
 use crate::scene::{Camera, Scene};
 
 fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
@@ -22,69 +23,94 @@ fn normalize(a: [f64; 3]) -> [f64; 3] {
     if n > 0.0 { a.map(|x| x / n) } else { a }
 }
 
-/// Twin of [`crate::basis::Basis::instance`], for shape: entry by entry.
-pub fn instance(basis: &crate::basis::Basis<'_>, coefficients: &[f32], field: &mut [f32]) {
-    for (entry, out) in field.iter_mut().enumerate() {
-        *out = basis.mean()[entry];
-        for (k, c) in coefficients.iter().enumerate().take(basis.rank()) {
-            *out += c * basis.entry(entry, k);
+/// Twin of [`crate::basis::Basis::instance`], for shape: number by number.
+pub fn instance(basis: &Basis<'_>, coefficients: &[f32], vertices: &mut [[f32; 4]]) {
+    for (v, out) in vertices.iter_mut().enumerate() {
+        for (axis, out) in out.iter_mut().take(3).enumerate() {
+            let entry = axis * basis.mean().len() / 3 + v;
+            *out = basis.mean()[entry];
+            for (k, &c) in coefficients.iter().enumerate().take(basis.rank()) {
+                *out += basis.term(entry, k, c);
+            }
         }
     }
 }
 
+fn xyz([x, y, z, _]: [f32; 4]) -> [f32; 3] {
+    [x, y, z]
+}
+
 /// Twin of [`crate::mesh::vertex_normals`], in double precision.
-pub fn vertex_normals(model: &Model<'_>, positions: &[f32], normals: &mut [f32]) {
-    normals.fill(0.0);
-    let [nx, ny, nz] = planes_mut(normals);
+pub fn vertex_normals(model: &Model<'_>, positions: &[[f32; 4]], normals: &mut [[f32; 4]]) {
+    normals.fill([0.0; 4]);
     for corners in (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)) {
-        let [a, b, c] = corners.map(|v| vertex(positions, v as usize).map(f64::from));
+        let [a, b, c] = corners.map(|v| xyz(positions[v as usize]).map(f64::from));
         let n = normalize(cross(sub(b, a), sub(c, a)));
-        for v in corners.map(|v| v as usize) {
-            nx[v] += n[0] as f32;
-            ny[v] += n[1] as f32;
-            nz[v] += n[2] as f32;
+        for v in corners {
+            for (sum, n) in normals[v as usize].iter_mut().zip(n) {
+                *sum += n as f32;
+            }
         }
     }
-    for v in 0..nx.len() {
-        let n = normalize([nx[v], ny[v], nz[v]].map(f64::from));
-        (nx[v], ny[v], nz[v]) = (n[0] as f32, n[1] as f32, n[2] as f32);
+    for normal in normals {
+        let [x, y, z] = normalize(xyz(*normal).map(f64::from)).map(|n| n as f32);
+        *normal = [x, y, z, 0.0];
     }
 }
 
 /// Twin of [`crate::render::project::project`] without its grid: vertex by vertex.
-pub fn project(scene: &Scene, positions: &[f32], window: &mut [[f32; 4]]) {
-    for (v, out) in window.iter_mut().enumerate().take(positions.len() / 3) {
-        let world = scene.pose.to_world(vertex(positions, v));
+pub fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
+    for (out, &position) in window.iter_mut().zip(positions) {
+        let world = scene.pose.to_world(xyz(position));
         let (x, y, d) = scene.camera.project(world);
         *out = [x, y, if d > scene.camera.near { 1.0 / d } else { 0.0 }, 0.0];
     }
 }
 
-/// Twin of [`crate::render::shade::shade`]: every normal turned to the world, every basis function
-/// evaluated.
-pub fn shade(scene: &Scene, normals: &[f32], albedo: &[f32], shaded: &mut [[f32; 4]]) {
-    for (v, out) in shaded.iter_mut().enumerate().take(normals.len() / 3) {
-        let [r, g, b] = color(scene, vertex(normals, v), vertex(albedo, v));
-        *out = [r, g, b, 0.0];
-    }
-}
-
-fn color(scene: &Scene, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
+/// Twin of [`crate::render::shade::Shader::color`]: the normal turned to the world, every basis
+/// function evaluated.
+pub fn color(scene: &Scene, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
     let world =
         scene.pose.rotation().map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
     let radiance = light::radiance(&scene.light, world);
     scene.color.apply([0, 1, 2].map(|c| albedo[c] * radiance[c]))
 }
 
+/// Twin of [`crate::likelihood::pixels::residual`]'s shading: every visible pixel of a frame with
+/// its own interpolated, normalised normal and albedo, in double precision. `vertices` are normals
+/// and albedo, `pixels` the rows of the picture.
+pub fn shade(
+    model: &Model<'_>,
+    scene: &Scene,
+    frame: &Frame<'_>,
+    vertices: [&[[f32; 4]]; 2],
+    pixels: &mut [[f32; 3]],
+) {
+    let width = scene.camera.image_size[0] as usize;
+    for (i, pixel) in pixels.iter_mut().enumerate() {
+        let Some(hit) = frame.hit(i % width, i / width) else { continue };
+        let Some(corners) = model.triangles.get(hit.triangle) else { continue };
+        let [b, c] = hit.weights.map(f64::from);
+        let weights = [1.0 - b - c, b, c];
+        let [normal, albedo] = vertices.map(|v| blend(weights, corners.map(|i| v[i as usize])));
+        *pixel = color(scene, normalize(normal).map(|x| x as f32), albedo.map(|x| x as f32));
+    }
+}
+
+/// Weighted sum of three vertices' attributes.
+fn blend(weights: [f64; 3], corners: [[f32; 4]; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| (0..3).map(|i| weights[i] * f64::from(corners[i][axis])).sum())
+}
+
 /// Twin of the whole rendering: every covered pixel shaded with its own interpolated, normalised
 /// normal and albedo, in double precision.
 ///
 /// `depth` (the inverse distance, 0 where nothing is visible) and `pixels` have one entry per
-/// pixel of the scene's camera; the three fields are the instance's.
+/// pixel of the scene's camera; the rest is the instance's, per vertex.
 pub fn draw(
     model: &Model<'_>,
     scene: &Scene,
-    [positions, normals, albedo]: [&[f32]; 3],
+    [positions, normals, albedo]: [&[[f32; 4]]; 3],
     depth: &mut [f32],
     pixels: &mut [[f32; 3]],
 ) {
@@ -92,7 +118,7 @@ pub fn draw(
     let [width, height] = scene.camera.image_size.map(|side| side as usize);
     for corners in (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)) {
         let corners = corners.map(|v| v as usize);
-        let world = corners.map(|v| scene.pose.to_world(vertex(positions, v)).map(f64::from));
+        let world = corners.map(|v| scene.pose.to_world(xyz(positions[v])).map(f64::from));
         if world.iter().any(|p| -p[2] <= f64::from(scene.camera.near)) {
             continue;
         }
@@ -123,12 +149,11 @@ pub fn draw(
                     continue;
                 }
                 depth[y * width + x] = inverse;
-                let blend = |field: &[f32]| {
-                    let v = corners.map(|v| vertex(field, v).map(f64::from));
-                    [0, 1, 2].map(|c| (b[0] * v[0][c] + b[1] * v[1][c] + b[2] * v[2][c]) / sum)
-                };
-                let normal = normalize(blend(normals)).map(|x| x as f32);
-                pixels[y * width + x] = color(scene, normal, blend(albedo).map(|x| x as f32));
+                let weights = b.map(|b| b / sum);
+                let attribute =
+                    |vertices: &[[f32; 4]]| blend(weights, corners.map(|v| vertices[v]));
+                let normal = normalize(attribute(normals)).map(|x| x as f32);
+                pixels[y * width + x] = color(scene, normal, attribute(albedo).map(|x| x as f32));
             }
         }
     }

@@ -5,12 +5,48 @@ use rand_core::{Rng as _, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
-/// A stream of uniform and normal deviates; its state is part of a checkpoint.
+/// A stream of uniform and normal deviates; where it stands is part of a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Position", into = "Position")]
 pub struct Rng {
     generator: Xoshiro256PlusPlus,
+    position: Position,
+}
+
+/// Where a stream stands. (The generator's crate can write its state only with std's serde.)
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Position {
+    seed: u64,
+    stream: u32,
+    /// Numbers drawn so far.
+    drawn: u64,
     /// The second deviate of the last accepted pair of [`Rng::normal`].
     spare: Option<f64>,
+}
+
+/// Positions beyond these are refused: a chain does not get there, and the way would take minutes.
+const MAX_DRAWN: u64 = 1 << 36;
+const MAX_STREAM: u32 = 1 << 20;
+
+impl TryFrom<Position> for Rng {
+    type Error = &'static str;
+
+    fn try_from(position: Position) -> Result<Self, Self::Error> {
+        if position.drawn > MAX_DRAWN || position.stream > MAX_STREAM {
+            return Err("random stream out of range");
+        }
+        let mut rng = Self::new(position.seed, position.stream);
+        for _ in 0..position.drawn {
+            rng.generator.next_u64();
+        }
+        Ok(Self { position, ..rng })
+    }
+}
+
+impl From<Rng> for Position {
+    fn from(rng: Rng) -> Self {
+        rng.position
+    }
 }
 
 impl Rng {
@@ -21,23 +57,28 @@ impl Rng {
         for _ in 0..stream {
             generator.jump();
         }
-        Self { generator, spare: None }
+        Self { generator, position: Position { seed, stream, drawn: 0, spare: None } }
+    }
+
+    fn next(&mut self) -> u64 {
+        self.position.drawn += 1;
+        self.generator.next_u64()
     }
 
     /// Uniform in `[0, 1)`, 53 bits.
     pub fn uniform(&mut self) -> f64 {
-        (self.generator.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
+        (self.next() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
     }
 
     /// Uniform in `0..n`; 0 when `n` is 0. The bias of the multiply-shift is below `n·2⁻³²`.
     pub fn below(&mut self, n: u32) -> u32 {
-        let high = self.generator.next_u64() >> 32;
+        let high = self.next() >> 32;
         ((high * u64::from(n)) >> 32) as u32
     }
 
     /// Standard normal deviate, by Marsaglia's polar method in double precision.
     pub fn normal(&mut self) -> f64 {
-        if let Some(z) = self.spare.take() {
+        if let Some(z) = self.position.spare.take() {
             return z;
         }
         loop {
@@ -46,7 +87,7 @@ impl Rng {
             let s = u * u + v * v;
             if s > 0.0 && s < 1.0 {
                 let k = math::sqrt_f64(-2.0 * math::ln(s) / s);
-                self.spare = Some(v * k);
+                self.position.spare = Some(v * k);
                 return u * k;
             }
         }

@@ -229,4 +229,20 @@ impl Scene {
             albedo: zeros(albedo_rank),
         }
     }
+
+    /// Everything a chain changes, as one list of numbers.
+    pub fn parameters(&self) -> impl Iterator<Item = &f32> {
+        let Self { pose, camera, light, color, shape, albedo } = self;
+        [&pose.scale, &pose.roll, &pose.yaw, &pose.pitch]
+            .into_iter()
+            .chain(&pose.translation)
+            .chain([&camera.focal_length])
+            .chain(&camera.principal_point)
+            .chain(light.as_flattened())
+            .chain(&color.gain)
+            .chain([&color.contrast])
+            .chain(&color.offset)
+            .chain(shape)
+            .chain(albedo)
+    }
 }

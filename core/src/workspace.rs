@@ -1,11 +1,12 @@
 //! How much memory a chain needs, and how one slice is carved into its buffers.
 
-use crate::basis::{field_len, padded};
+use crate::basis::padded;
 use crate::chain::search_words;
 use crate::likelihood::background::HISTOGRAM_LEN;
-use crate::likelihood::{landmarks, pixels};
-use crate::mesh::sums_len;
+use crate::likelihood::landmarks;
+use crate::likelihood::pixels::{planes_words, target_words};
 use crate::render::rasterize::frame_words;
+use crate::render::shade::Planes;
 
 /// The sizes that determine a chain's memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,21 +28,19 @@ pub struct Dimensions {
 impl Dimensions {
     /// Words (`u32`) of memory [`Chain::new`](crate::chain::Chain::new) takes.
     ///
-    /// Two slots (the current and the proposed state's) of positions, normals, albedo, window
-    /// coordinates, colours and fragments; one depth frame; the target picture; the landmarks'
-    /// rows of the basis; the search moves' normal equations.
+    /// Two slots (the current and the proposed state's) of positions, normals and albedo per
+    /// vertex, and of what is visible per pixel with its normal and albedo; window coordinates;
+    /// the target picture; the landmarks' rows of the basis; the search moves' normal equations.
     pub const fn words(&self) -> usize {
-        let slots = 3 * field_len(self.vertices)
-            + 2 * 4 * padded(self.vertices)
-            + pixels::fragments_words(self.width, self.height);
-        let target = pixels::target_words(self.width, self.height);
-        let rest = 2 * slots
-            + 4 * sums_len(self.vertices)
-            + frame_words(self.width, self.height)
+        let Self { width, height, .. } = *self;
+        let vertices = 4 * padded(self.vertices);
+        let slot = 3 * vertices + frame_words(width, height) + 2 * planes_words(width, height);
+        let rest = 2 * slot
+            + vertices
             + landmarks::rows_words(self.landmarks, self.shape_rank)
             + search_words(self.shape_rank, self.albedo_rank);
         // The background histogram is needed once, before the rest is.
-        target + if rest > HISTOGRAM_LEN { rest } else { HISTOGRAM_LEN }
+        target_words(width, height) + if rest > HISTOGRAM_LEN { rest } else { HISTOGRAM_LEN }
     }
 }
 
@@ -83,9 +82,10 @@ impl<'w> Carver<'w> {
         Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(4)?)?))
     }
 
-    /// The next `count` quadruples of words.
-    pub fn word_quads(&mut self, count: usize) -> Option<&'w mut [[u32; 4]]> {
-        Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(4)?)?))
+    /// The next three numbers per pixel of a picture, chunk by chunk.
+    pub fn planes(&mut self, width: usize, height: usize) -> Option<&'w mut [Planes]> {
+        let (planes, _) = self.floats(planes_words(width, height))?.as_chunks_mut();
+        Some(planes.as_chunks_mut().0)
     }
 }
 
@@ -111,9 +111,14 @@ impl<T> Slots<T> {
         &self.pair[self.current ^ usize::from(proposed)]
     }
 
+    /// [`Slots::pick`], to write into.
+    pub(crate) fn pick_mut(&mut self, proposed: bool) -> &mut T {
+        &mut self.pair[self.current ^ usize::from(proposed)]
+    }
+
     /// The buffer to compute a proposal in.
     pub(crate) fn spare(&mut self) -> &mut T {
-        &mut self.pair[self.current ^ 1]
+        self.pick_mut(true)
     }
 
     /// Makes the spare the current one.

@@ -7,6 +7,7 @@ use onescan::photo::Crop;
 use onescan::picture::Picture;
 use onescan::tlms::Tlms;
 use onescan_core::chain::{Chain, Config, Image, Observation, Problem};
+use onescan_core::engine::Engine;
 use onescan_core::hash::fnv64;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64};
@@ -70,6 +71,7 @@ fuzz_target!(|data: &[u8]| {
         image: Image { pixels: &pixels, width: SIDE, height: SIDE },
         landmarks: &landmarks,
         config: &config,
+        engine: &Engine::PORTABLE,
     };
     let mut memory = vec![0; problem.dimensions().words()];
     for chain in save.chains {

@@ -10,17 +10,19 @@ use crate::error::{Error, Result};
 use crate::model_file::OwnedModel;
 use crate::picture::Picture;
 use crate::render::{self, random_coefficients};
+use crate::simd;
 use crate::tlms::Tlms;
 use onescan_core::basis::{field_len, padded};
 use onescan_core::chain::{self, Chain, Config, Image, Observation, Problem};
+use onescan_core::engine::Engine;
 use onescan_core::likelihood::background::HISTOGRAM_LEN;
-use onescan_core::likelihood::pixels::{Fragments, Target, fragments_words, target_words};
-use onescan_core::mesh::{self, sums_len};
+use onescan_core::likelihood::pixels::{Stale, Surface, Target, planes_words, target_words};
 use onescan_core::model::{Model, Triangles};
 use onescan_core::naive;
 use onescan_core::proposal::Touched;
-use onescan_core::render::rasterize::{Frame, frame_words, rasterize};
-use onescan_core::render::{draw, draw_words, project::project, shade::shade};
+use onescan_core::render::rasterize::{Frame, frame_words};
+use onescan_core::render::shade::{Planes, Shader};
+use onescan_core::render::{draw, draw_words};
 use onescan_core::rng::Rng;
 use onescan_core::scene::{Coefficients, Scene};
 use onescan_core::workspace::Carver;
@@ -47,7 +49,7 @@ const BUDGET: Duration = Duration::from_millis(150);
 /// Read to measure the bandwidth of the memory: more than the caches of common machines hold.
 const MEMORY_BYTES: usize = 256 << 20;
 /// Read to measure the bandwidth of the cache: more than one core's own, and about what the steps
-/// of a fit read again and again (50 components of shape or albedo are 5 MB).
+/// of a fit read again and again (50 components of shape or albedo are 2.5 MB).
 const CACHE_BYTES: usize = 8 << 20;
 
 /// What is measured: the built-in face model and a rendered face of known truth.
@@ -104,7 +106,13 @@ impl Workload {
         config: &'a Config,
     ) -> Problem<'a> {
         let Picture { width, height, ref rgb } = self.picture;
-        Problem { model, image: Image { pixels: rgb, width, height }, landmarks, config }
+        Problem {
+            model,
+            image: Image { pixels: rgb, width, height },
+            landmarks,
+            config,
+            engine: simd::best(),
+        }
     }
 }
 
@@ -135,16 +143,16 @@ pub enum Stage {
     Normals,
     /// Positions to window coordinates.
     Project,
-    /// Normals and albedo to colours.
-    Shade,
-    /// Window coordinates to what is visible, and its collection. Without a twin of its own:
-    /// see [`Stage::Draw`].
+    /// Window coordinates to what is visible. Without a twin of its own: see [`Stage::Draw`].
     Rasterize,
-    /// Project, shade, rasterize. The twin shades every pixel.
+    /// Normals and albedo to colours per visible pixel, and what they differ from the picture by.
+    Shade,
+    /// Project, rasterize, shade.
     Draw,
     /// Coefficients to a drawn face: everything before the likelihood, nothing kept.
     Render,
-    /// Image likelihood of a drawn face. The twin includes the background's histogram, which the
+    /// Image likelihood of a face whose normals and albedo per pixel are known: light and
+    /// comparison. The twin only compares, and includes the background's histogram, which the
     /// chain makes once.
     Likelihood,
 }
@@ -156,8 +164,8 @@ impl Stage {
         Self::Instance,
         Self::Normals,
         Self::Project,
-        Self::Shade,
         Self::Rasterize,
+        Self::Shade,
         Self::Draw,
         Self::Render,
         Self::Likelihood,
@@ -180,37 +188,29 @@ impl Stage {
 
 /// What one way of rendering leaves behind, per vertex.
 struct Buffers {
-    positions: Vec<f32>,
-    normals: Vec<f32>,
-    albedo: Vec<f32>,
+    positions: Vec<[f32; 4]>,
+    normals: Vec<[f32; 4]>,
+    albedo: Vec<[f32; 4]>,
     window: Vec<[f32; 4]>,
-    shaded: Vec<[f32; 4]>,
 }
 
 impl Buffers {
     fn new(vertices: usize) -> Self {
-        let field = || vec![0.0; field_len(vertices)];
         let quads = || vec![[0.0; 4]; padded(vertices)];
-        Self {
-            positions: field(),
-            normals: field(),
-            albedo: field(),
-            window: quads(),
-            shaded: quads(),
-        }
+        Self { positions: quads(), normals: quads(), albedo: quads(), window: quads() }
     }
 }
 
 /// The stages and their naive twins on the workload's truth, each repeatable by itself: its input
 /// is what the stages before it left.
 pub struct Stages<'w> {
+    engine: &'static Engine,
     model: Model<'w>,
     workload: &'w Workload,
     sd: f32,
     fast: Buffers,
-    sums: Vec<[f32; 4]>,
     frame: Frame<'w>,
-    fragments: Fragments<'w>,
+    attributes: [&'w mut [Planes]; 2],
     target: Target<'w>,
     slow: Buffers,
     depth: Vec<f32>,
@@ -224,7 +224,7 @@ impl<'w> Stages<'w> {
         let (width, height) = (width as usize, height as usize);
         target_words(width, height)
             + frame_words(width, height)
-            + fragments_words(width, height)
+            + 2 * planes_words(width, height)
             + HISTOGRAM_LEN
     }
 
@@ -233,20 +233,25 @@ impl<'w> Stages<'w> {
     /// # Errors
     /// When `memory` is shorter than [`Stages::words`].
     pub fn new(workload: &'w Workload, memory: &'w mut [u32]) -> Result<Self> {
-        let too_short = || Error::new("too little memory for the stages");
         let model = workload.model.view();
-        let [width, height] = [workload.picture.width as usize, workload.picture.height as usize];
+        let Picture { width, height, ref rgb } = workload.picture;
+        let (width, height) = (width as usize, height as usize);
         let mut carver = Carver::new(memory);
-        let target = Target::carve(&mut carver, &workload.picture.rgb).ok_or_else(too_short)?;
-        let frame = Frame::carve(&mut carver, width, height).ok_or_else(too_short)?;
-        let fragments = Fragments::carve(&mut carver, width, height).ok_or_else(too_short)?;
+        let mut carve = || {
+            let target = Target::carve(&mut carver, rgb, width)?;
+            let frame = Frame::carve(&mut carver, width, height)?;
+            let attributes = [carver.planes(width, height)?, carver.planes(width, height)?];
+            Some((target, frame, attributes))
+        };
+        let (target, frame, attributes) =
+            carve().ok_or_else(|| Error::new("too little memory for the stages"))?;
         let mut stages = Self {
+            engine: simd::best(),
             workload,
             sd: Config::default().pixel_sd,
             fast: Buffers::new(model.vertices()),
-            sums: vec![[0.0; 4]; sums_len(model.vertices())],
             frame,
-            fragments,
+            attributes,
             target,
             slow: Buffers::new(model.vertices()),
             depth: vec![0.0; width * height],
@@ -264,34 +269,47 @@ impl<'w> Stages<'w> {
     /// Runs a stage.
     pub fn run(&mut self, stage: Stage) {
         let (model, scene, b) = (&self.model, &self.workload.scene, &mut self.fast);
+        let engine = self.engine;
         match stage {
-            Stage::Instance => model.shape.instance(&scene.shape, &mut b.positions),
+            Stage::Instance => (engine.instance)(&model.shape, &scene.shape, &mut b.positions),
             Stage::Normals => {
-                mesh::vertex_normals(model, &b.positions, &mut self.sums, &mut b.normals);
+                (engine.normals)(model.triangles, &b.positions, &mut b.normals);
             }
-            Stage::Project => project(scene, &b.positions, &mut b.window),
-            Stage::Shade => shade(scene, &b.normals, &b.albedo, &mut b.shaded),
-            Stage::Rasterize => {
-                rasterize(model.triangles, &b.window, &mut self.frame);
-                self.fragments.collect(&self.frame, model.triangles, &self.target, self.sd);
+            Stage::Project => (engine.project)(scene, &b.positions, &mut b.window),
+            Stage::Rasterize => (engine.rasterize)(model.triangles, &b.window, &mut self.frame),
+            Stage::Shade => {
+                black_box(self.residual(Stale::Everything));
             }
             Stage::Draw => {
                 self.run(Stage::Project);
-                self.run(Stage::Shade);
                 self.run(Stage::Rasterize);
+                self.run(Stage::Shade);
             }
             Stage::Render => {
-                model.albedo.instance(&scene.albedo, &mut b.albedo);
+                (engine.instance)(&model.albedo, &scene.albedo, &mut b.albedo);
                 self.run(Stage::Instance);
                 self.run(Stage::Normals);
                 self.run(Stage::Draw);
             }
             Stage::Likelihood => {
-                let floor = f64::NEG_INFINITY;
-                black_box(self.fragments.ln_likelihood(&b.shaded, &self.target, self.sd, floor));
+                let coverage = (engine.coverage)(&self.frame, &self.target);
+                let residual = self.residual(Stale::Nothing).unwrap_or(0.0);
+                black_box(coverage.ln_likelihood(residual, self.sd));
             }
         }
         black_box(self);
+    }
+
+    fn residual(&mut self, stale: Stale) -> Option<f64> {
+        let surface = Surface {
+            frame: &self.frame,
+            triangles: self.model.triangles,
+            vertices: [&self.fast.normals, &self.fast.albedo],
+        };
+        let [normals, albedo] = &mut self.attributes;
+        let shader = Shader::new(&self.workload.scene);
+        let pixels = [&mut **normals, &mut **albedo];
+        (self.engine.residual)(&surface, stale, pixels, &shader, &self.target, f64::INFINITY)
     }
 
     /// Runs a stage's naive twin; `None` if it has none.
@@ -301,11 +319,14 @@ impl<'w> Stages<'w> {
             Stage::Instance => naive::instance(&model.shape, &scene.shape, &mut b.positions),
             Stage::Normals => naive::vertex_normals(model, &b.positions, &mut b.normals),
             Stage::Project => naive::project(scene, &b.positions, &mut b.window),
-            Stage::Shade => naive::shade(scene, &b.normals, &b.albedo, &mut b.shaded),
             Stage::Rasterize => return None,
+            Stage::Shade => {
+                let vertices = [&self.fast.normals[..], &self.fast.albedo];
+                naive::shade(model, scene, &self.frame, vertices, &mut self.pixels);
+            }
             Stage::Draw => {
-                let fields = [&b.positions[..], &b.normals, &b.albedo];
-                naive::draw(model, scene, fields, &mut self.depth, &mut self.pixels);
+                let vertices = [&b.positions[..], &b.normals, &b.albedo];
+                naive::draw(model, scene, vertices, &mut self.depth, &mut self.pixels);
             }
             Stage::Render => {
                 naive::instance(&model.albedo, &scene.albedo, &mut b.albedo);
@@ -383,6 +404,10 @@ pub struct Report {
     pub fit: Speed,
     /// The same chain without search moves, a sampler.
     pub sampler: Speed,
+    /// Vectors the stages were compiled for.
+    pub engine: &'static str,
+    /// The fit with stages compiled for any processor of this kind.
+    pub portable: Speed,
     /// Part of the picture that the face covers.
     pub covered_fraction: f64,
     /// Stages by name, and last the `step`: an image-evaluated step of a default fit beside
@@ -436,8 +461,11 @@ pub fn measure(progress: &mut dyn FnMut(f64)) -> Result<Report> {
         progress(0.3 + 0.2 * (done + 1) as f64 / Stage::ALL.len() as f64);
     }
 
-    let fit = Run::new(&workload, true, &mut |done| progress(0.5 + 0.2 * done))?;
-    let sampler = Run::new(&workload, false, &mut |done| progress(0.7 + 0.2 * done))?;
+    let best = simd::best();
+    let fit = Run::new(&workload, best, true, &mut |done| progress(0.5 + 0.15 * done))?;
+    let sampler = Run::new(&workload, best, false, &mut |done| progress(0.65 + 0.1 * done))?;
+    let portable = &Engine::PORTABLE;
+    let portable = Run::new(&workload, portable, true, &mut |done| progress(0.75 + 0.2 * done))?;
     let naive_step = timings
         .iter()
         .filter(|(name, _)| [Stage::Render, Stage::Likelihood].map(Stage::name).contains(name))
@@ -455,6 +483,8 @@ pub fn measure(progress: &mut dyn FnMut(f64)) -> Result<Report> {
     Ok(Report {
         fit: fit.speed(),
         sampler: sampler.speed(),
+        engine: best.name,
+        portable: portable.speed(),
         covered_fraction: workload.covered,
         stages: timings,
         bandwidth_gb_per_s: bandwidth,
@@ -507,10 +537,15 @@ struct Run {
 }
 
 impl Run {
-    fn new(workload: &Workload, search: bool, progress: &mut dyn FnMut(f64)) -> Result<Self> {
+    fn new(
+        workload: &Workload,
+        engine: &Engine,
+        search: bool,
+        progress: &mut dyn FnMut(f64),
+    ) -> Result<Self> {
         let config = Config { samples: STEPS, search, ..Config::default() };
         let (model, landmarks) = (workload.model.view(), workload.observations());
-        let problem = workload.problem(&model, &landmarks, &config);
+        let problem = Problem { engine, ..workload.problem(&model, &landmarks, &config) };
         let mut memory = vec![0_u32; problem.dimensions().words()];
         let mut times = vec![Duration::MAX; STEPS as usize];
         let mut evaluated = Vec::new();
@@ -555,10 +590,8 @@ impl Run {
 
 /// Bytes the stages read and write, each buffer once.
 struct Traffic {
-    /// The components in use of one half's basis.
+    /// The components in use of one half's basis, and its mean.
     basis: f64,
-    /// Three numbers per vertex.
-    field: f64,
     /// Four numbers per vertex.
     quads: f64,
     /// Corner indices.
@@ -571,34 +604,33 @@ impl Traffic {
     fn new(workload: &Workload) -> Self {
         let model = workload.model.view();
         let number = size_of::<f32>();
-        let field = number * field_len(model.vertices());
         let triangles = match model.triangles {
             Triangles::U16(t) => size_of_val(t),
             Triangles::U32(t) => size_of_val(t),
         };
+        let entry = size_of::<i16>() * Config::default().shape_rank + number;
         Self {
-            basis: (Config::default().shape_rank * field) as f64,
-            field: field as f64,
+            basis: (entry * field_len(model.vertices())) as f64,
             quads: (4 * number * padded(model.vertices())) as f64,
             triangles: triangles as f64,
             covered: workload.covered * workload.picture.rgb.len() as f64,
         }
     }
 
-    /// An average image-evaluated step of a run. Per covered pixel, the frame holds 16 bytes, a
-    /// fragment 24, the target 16 and its background 4.
+    /// An average image-evaluated step of a run. Per covered pixel, the frame holds 16 bytes,
+    /// normal, albedo and target 12 each, the background 4.
     fn per_step(&self, run: &Run) -> f64 {
-        let instance = self.basis + 2.0 * self.field;
-        let normals = 2.0 * self.field + self.triangles + 2.0 * self.quads;
-        let project = self.field + self.quads;
-        let rasterize = self.triangles + self.quads + 16.0 * self.covered;
-        let collect = (16.0 + 4.0 + 24.0) * self.covered;
-        let shade = 2.0 * self.field + self.quads;
-        let likelihood = (24.0 + 16.0) * self.covered + self.quads;
+        let instance = self.basis + self.quads;
+        let normals = 2.0 * self.quads + self.triangles;
+        let project = 2.0 * self.quads;
+        let rasterize = self.triangles + self.quads + (16.0 + 8.0 + 4.0) * self.covered;
+        let normal = (16.0 + 12.0) * self.covered + self.quads + self.triangles;
+        let albedo = 12.0 * self.covered + self.quads;
+        let compare = (8.0 + 3.0 * 12.0) * self.covered;
         let total = run.shape * (instance + normals)
-            + run.albedo * instance
-            + run.geometry * (project + rasterize + collect)
-            + run.evaluated * (shade + likelihood);
+            + run.albedo * (instance + albedo + 16.0 * self.covered + self.triangles)
+            + run.geometry * (project + rasterize + normal + albedo)
+            + run.evaluated * compare;
         total / run.evaluated
     }
 }
@@ -607,7 +639,11 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [width, height] = SIZE;
         let covered = 100.0 * self.covered_fraction;
-        writeln!(f, "one core, {width} × {height} pixels, {covered:.0} % of them face")?;
+        writeln!(
+            f,
+            "one core, {width} × {height} pixels, {covered:.0} % of them face, {}",
+            self.engine
+        )?;
         writeln!(f)?;
         writeln!(f, "{:12}{:>12}{:>12}{:>9}", "stage", "µs", "naive µs", "ratio")?;
         for (name, Timing { us, naive_us, ratio }) in &self.stages {
@@ -619,7 +655,9 @@ impl fmt::Display for Report {
         }
         writeln!(f)?;
         writeln!(f, "{:12}{:>24}{:>12}", "steps/s", "picture compared", "all")?;
-        for (name, speed) in [("fit", self.fit), ("sampler", self.sampler)] {
+        for (name, speed) in
+            [("fit", self.fit), ("sampler", self.sampler), ("portable fit", self.portable)]
+        {
             let Speed { steps_per_second, all_steps_per_second } = speed;
             writeln!(f, "{name:12}{steps_per_second:>24.0}{all_steps_per_second:>12.0}")?;
         }
@@ -648,6 +686,8 @@ mod tests {
         let report = Report {
             fit: speed,
             sampler: speed,
+            engine: "none",
+            portable: speed,
             covered_fraction: 0.4,
             stages: vec![
                 ("draw", Timing::new(1.0, Some(4.0))),

@@ -11,6 +11,7 @@
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
 //! | the demo, the benchmark | [`demo`], [`mod@bench`] |
+//! | the core's stages for wide vectors | [`simd`] |
 //! | files, errors, progress | [`files`], [`error`], [`progress`] |
 
 pub mod bench;
@@ -32,5 +33,6 @@ pub mod progress;
 pub mod render;
 pub mod report;
 pub mod rps;
+pub mod simd;
 pub mod summary;
 pub mod tlms;

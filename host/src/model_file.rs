@@ -119,14 +119,18 @@ impl ModelParts<'_> {
             triangles.iter().flat_map(|v| v.to_le_bytes()).collect()
         };
         let (landmarks, names) = self.named();
+        let [(shape, shape_quanta), (albedo, albedo_quanta)] =
+            [&self.shape, &self.albedo].map(Half::columns);
         // In the order of `Section::ALL`.
         let sections: [Vec<u8>; Section::ALL.len()] = [
             little_endian(&self.shape.mean()),
-            little_endian(&self.shape.columns()),
+            little_endian(&shape),
             little_endian(&self.shape.variances()),
+            little_endian(&shape_quanta),
             little_endian(&self.albedo.mean()),
-            little_endian(&self.albedo.columns()),
+            little_endian(&albedo),
             little_endian(&self.albedo.variances()),
+            little_endian(&albedo_quanta),
             corners,
             landmarks.iter().flat_map(|v| v.to_le_bytes()).collect(),
             names.into_bytes(),
@@ -193,26 +197,35 @@ impl Half<'_> {
         field
     }
 
-    /// Columns `√λ_k·u_k` in blocks of [`LANES`] field entries, component after component.
-    fn columns(&self) -> Vec<f32> {
+    /// Columns `√λ_k·u_k` in blocks of [`LANES`] field entries, component after component, in
+    /// units of the quanta, and these.
+    fn columns(&self) -> (Vec<i16>, Vec<f32>) {
         let rank = self.deviation.rank();
         let plane_blocks = padded(self.mean.len()) / LANES;
-        let mut columns = vec![0.0; 3 * plane_blocks * rank * LANES];
+        let mut columns = vec![0; 3 * plane_blocks * rank * LANES];
         let components: Vec<_> = (0..rank)
             .map(|k| (self.deviation.variances[k].sqrt(), self.deviation.column(k)))
             .collect();
+        let largest = |values: &[f64]| values.iter().fold(0.0_f64, |max, x| max.max(x.abs()));
+        let quanta: Vec<f32> = components
+            .iter()
+            .map(|(deviation, (direction, vector))| {
+                (deviation * largest(direction) * largest(vector) / f64::from(i16::MAX)) as f32
+            })
+            .collect();
         columns.par_chunks_mut((rank * LANES).max(1)).enumerate().for_each(|(block, out)| {
             let (channel, first) = (block / plane_blocks, block % plane_blocks * LANES);
-            for ((deviation, (direction, vector)), lanes) in
-                components.iter().zip(out.chunks_exact_mut(LANES))
+            for (((deviation, (direction, vector)), quantum), lanes) in
+                components.iter().zip(&quanta).zip(out.chunks_exact_mut(LANES))
             {
-                let factor = deviation * direction[channel];
+                let factor = deviation * direction[channel] / f64::from(*quantum);
                 for (out, u) in lanes.iter_mut().zip(&vector[first..]) {
-                    *out = (factor * u) as f32;
+                    // Saturates; of a component without entries 0/0 gives 0.
+                    *out = (factor * u).round() as i16;
                 }
             }
         });
-        columns
+        (columns, quanta)
     }
 
     fn variances(&self) -> Vec<f32> {
@@ -221,7 +234,7 @@ impl Half<'_> {
 }
 
 /// The core reads numbers in place, so machines are as little-endian as files.
-fn little_endian(values: &[f32]) -> Vec<u8> {
+fn little_endian<T: bytemuck::NoUninit>(values: &[T]) -> Vec<u8> {
     bytemuck::cast_slice(values).to_vec()
 }
 

@@ -4,8 +4,7 @@ use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::model_file::OwnedModel;
 use crate::picture::Picture;
-use onescan_core::basis::{Basis, field_len};
-use onescan_core::mesh::vertex;
+use onescan_core::basis::{Basis, padded};
 use onescan_core::model::Model;
 use onescan_core::render;
 use onescan_core::rng::Rng;
@@ -73,10 +72,9 @@ pub fn resize_camera(camera: &Camera, size: [u32; 2]) -> Camera {
 ///
 /// The object's bounding sphere fills most of the shorter side, whatever its size.
 pub fn portrait(model: &Model<'_>, size: [u32; 2], yaw: f32, pitch: f32) -> Scene {
-    let mean = model.shape.mean();
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for v in 0..model.vertices() {
-        for (axis, x) in vertex(mean, v).into_iter().enumerate() {
+    for (axis, plane) in model.shape.mean().chunks_exact(padded(model.vertices())).enumerate() {
+        for &x in &plane[..model.vertices()] {
             low[axis] = low[axis].min(x);
             high[axis] = high[axis].max(x);
         }
@@ -97,9 +95,10 @@ pub fn portrait(model: &Model<'_>, size: [u32; 2], yaw: f32, pitch: f32) -> Scen
 /// `[0, 1]`).
 pub fn instance(model: &Model<'_>, shape: &[f32], albedo: &[f32]) -> Mesh {
     let field = |basis: &Basis<'_>, coefficients: &[f32]| {
-        let mut field = vec![0.0; field_len(model.vertices())];
-        basis.instance(coefficients, &mut field);
-        (0..model.vertices()).map(|v| vertex(&field, v)).collect::<Vec<_>>()
+        let mut vertices = vec![[0.0; 4]; padded(model.vertices())];
+        basis.instance(coefficients, &mut vertices);
+        vertices.truncate(model.vertices());
+        vertices.into_iter().map(|[a, b, c, _]| [a, b, c]).collect::<Vec<_>>()
     };
     let colors = field(&model.albedo, albedo);
     Mesh {

@@ -1,22 +1,18 @@
 //! The fast renderer draws what its naive twin draws: per-pixel shading with interpolated normals,
 //! in double precision.
-//!
-//! Colours are computed per vertex, which shows where normals turn within a triangle (lids,
-//! nostrils, lips): there up to one pixel in a hundred is off by more than 2/255.
 
 use onescan::demo::{random_light, template_model};
-use onescan_core::basis::field_len;
+use onescan_core::basis::padded;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 use onescan_core::{mesh, naive, render};
 
 const SIDE: usize = 256;
-/// What hardly any pixel away from silhouettes differs by, and what none does.
+/// What no pixel away from silhouettes differs by.
 const LIMIT: f32 = 2.0 / 255.0;
-const WORST: f32 = 24.0 / 255.0;
 
 #[test]
-fn pixels_are_the_naive_twins_except_on_silhouettes_and_creases() {
+fn pixels_are_the_naive_twins_except_on_silhouettes() {
     let built = template_model(20, &mut |_, _| ()).unwrap();
     let model = built.model.view();
     let mut rng = Rng::new(3, 0);
@@ -34,8 +30,8 @@ fn pixels_are_the_naive_twins_except_on_silhouettes_and_creases() {
         let mut memory = vec![0; render::draw_words(model.vertices(), SIDE, SIDE)];
         render::draw(&model, &scene, &mut memory, &mut fast).unwrap();
 
-        let field = || vec![0.0; field_len(model.vertices())];
-        let (mut positions, mut normals, mut albedo) = (field(), field(), field());
+        let quads = || vec![[0.0; 4]; padded(model.vertices())];
+        let (mut positions, mut normals, mut albedo) = (quads(), quads(), quads());
         model.shape.instance(&scene.shape, &mut positions);
         naive::vertex_normals(&model, &positions, &mut normals);
         model.albedo.instance(&scene.albedo, &mut albedo);
@@ -43,7 +39,6 @@ fn pixels_are_the_naive_twins_except_on_silhouettes_and_creases() {
         let mut depth = vec![0.0; SIDE * SIDE];
         naive::draw(&model, &scene, [&positions, &normals, &albedo], &mut depth, &mut slow);
 
-        let mut wrong = 0;
         let mut compared = 0;
         for y in 1..SIDE - 1 {
             for x in 1..SIDE - 1 {
@@ -54,12 +49,10 @@ fn pixels_are_the_naive_twins_except_on_silhouettes_and_creases() {
                 compared += usize::from(!b[0].is_nan());
                 assert_eq!(a[0].is_nan(), b[0].is_nan(), "scene {number}: coverage at {x}, {y}");
                 let difference = (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max);
-                assert!(!(difference > WORST), "scene {number}: {difference} at {x}, {y}");
-                wrong += usize::from(difference > LIMIT);
+                assert!(!(difference > LIMIT), "scene {number}: {difference} at {x}, {y}");
             }
         }
         assert!(compared > 10_000, "scene {number} shows too little: {compared} pixels");
-        assert!(100 * wrong < compared, "scene {number}: {wrong} of {compared} pixels are off");
     }
 }
 
@@ -81,17 +74,16 @@ fn stages_agree_with_their_twins() {
     let model = built.model.view();
     let mut rng = Rng::new(5, 0);
     let coefficients: Vec<f32> = (0..20).map(|_| rng.normal() as f32).collect();
-    let field = || vec![0.0; field_len(model.vertices())];
-    let (mut fast, mut slow) = (field(), field());
+    let quads = || vec![[0.0; 4]; padded(model.vertices())];
+    let (mut fast, mut slow) = (quads(), quads());
     model.shape.instance(&coefficients, &mut fast);
     naive::instance(&model.shape, &coefficients, &mut slow);
     assert_eq!(fast, slow, "an instance is one sum in component order");
 
     let positions = fast.clone();
-    let mut sums = vec![[0.0; 4]; mesh::sums_len(model.vertices())];
-    mesh::vertex_normals(&model, &positions, &mut sums, &mut fast);
+    mesh::vertex_normals(model.triangles, &positions, &mut fast);
     naive::vertex_normals(&model, &positions, &mut slow);
-    for (a, b) in fast.iter().zip(&slow) {
+    for (a, b) in fast.as_flattened().iter().zip(slow.as_flattened()) {
         assert!((a - b).abs() < 1e-5, "normals: {a} {b}");
     }
 }

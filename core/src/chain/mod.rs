@@ -10,6 +10,7 @@
 mod pipeline;
 mod refine;
 
+use crate::engine::Engine;
 use crate::hash::Fnv64;
 use crate::likelihood::landmarks::{Landmarks, MAX_LANDMARKS, Points};
 use crate::likelihood::prior::Prior;
@@ -20,10 +21,10 @@ use crate::rng::Rng;
 use crate::scene::{MAX_RANK, Scene};
 use crate::workspace::{Carver, Dimensions};
 use core::fmt;
-use pipeline::Pipeline;
-pub(crate) use pipeline::search_words;
-use refine::Constraints;
-pub(crate) use refine::LandmarkSample;
+use pipeline::{Pipeline, Proposed};
+use refine::{Constraints, Search};
+pub(crate) use refine::{LandmarkSample, search_words};
+pub use refine::{NormalEquations, add_normal_equations};
 use serde::{Deserialize, Serialize};
 
 /// An 8-bit RGB picture, row by row from the top.
@@ -107,6 +108,8 @@ pub struct Problem<'a> {
     pub landmarks: &'a [Observation<'a>],
     /// How.
     pub config: &'a Config,
+    /// Who does the expensive work; [`Engine::PORTABLE`] if in doubt.
+    pub engine: &'a Engine,
 }
 
 impl Problem<'_> {
@@ -283,6 +286,8 @@ pub struct Chain<'a, 'w> {
     /// Model-frame landmark positions of the current state.
     points: Points,
     pipeline: Pipeline<'w>,
+    /// Of the search moves.
+    system: &'w mut [f32],
     progress: Checkpoint,
 }
 
@@ -323,7 +328,7 @@ impl<'a, 'w> Chain<'a, 'w> {
             // At most MAX_LEAVES, like the table.
             let _ = tallies.resize(table.branches().len(), Tally::default());
         }
-        chain.progress.state.density = chain.evaluate_all();
+        chain.progress.state.density = chain.evaluate_current();
         chain.progress.best = chain.progress.state.clone();
         if config.landmark_samples == 0 {
             chain.enter_image_stage();
@@ -356,7 +361,7 @@ impl<'a, 'w> Chain<'a, 'w> {
             return Err(ChainError::Checkpoint);
         }
         chain.points = chain.landmarks.points(&chain.progress.state.scene.shape);
-        if chain.evaluate_all() != chain.progress.state.density {
+        if chain.evaluate_current() != chain.progress.state.density {
             return Err(ChainError::Checkpoint);
         }
         Ok(chain)
@@ -368,7 +373,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         progress: Checkpoint,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let Problem { model, image, landmarks, config } = problem;
+        let Problem { model, image, landmarks, config, .. } = problem;
         let pixels = (image.width as usize).checked_mul(image.height as usize);
         if image.pixels.is_empty() || pixels != Some(image.pixels.len()) {
             return Err(ChainError::Image);
@@ -438,8 +443,10 @@ impl<'a, 'w> Chain<'a, 'w> {
             config.landmark_sd,
         )
         .ok_or(error)?;
+        let words = search_words(dimensions.shape_rank, dimensions.albedo_rank);
+        let system = carver.floats(words).ok_or(error)?;
         let points = landmarks.points(&scene.shape);
-        Ok(Self { problem, tables, centres, landmarks, points, pipeline, progress })
+        Ok(Self { problem, tables, centres, landmarks, points, pipeline, system, progress })
     }
 
     /// Makes one step; `None` when the fit is done.
@@ -475,7 +482,8 @@ impl<'a, 'w> Chain<'a, 'w> {
             points: &self.points,
             problem: self.problem,
             landmarks: &self.landmarks,
-            pipeline: &mut self.pipeline,
+            pipeline: &self.pipeline,
+            system: self.system,
         };
         let rng = &mut self.progress.rng;
         let proposal = proposal::propose(&branch, &mut scene, rng, &mut surroundings);
@@ -506,9 +514,9 @@ impl<'a, 'w> Chain<'a, 'w> {
             let patch = f64::from(self.problem.config.pixel_patch);
             let floor = current.density.image + patch * math::ln(rng.uniform());
             self.progress.image_evaluated += 1;
-            let Problem { model, config, .. } = self.problem;
-            self.pipeline.update(model, &scene, touched, config.pixel_sd);
-            match self.pipeline.ln_likelihood(touched, config.pixel_sd, floor) {
+            let new = Proposed { problem: self.problem, scene: &scene, touched };
+            self.pipeline.update(&new);
+            match self.pipeline.ln_likelihood(&new, floor) {
                 Some(image) => density.image = image,
                 None => return Outcome::Rejected(Filter::Image),
             }
@@ -525,7 +533,9 @@ impl<'a, 'w> Chain<'a, 'w> {
     /// Fingerprint and best state after an acceptance.
     fn record(&mut self) {
         let progress = &mut self.progress;
-        hash_scene(&mut progress.fingerprint, &progress.state.scene);
+        for &parameter in progress.state.scene.parameters() {
+            progress.fingerprint.write_f32(&[parameter]);
+        }
         let posterior = |state: &State| state.density.posterior(self.problem.config);
         if posterior(&progress.state) > posterior(&progress.best) {
             progress.best.clone_from(&progress.state);
@@ -538,27 +548,34 @@ impl<'a, 'w> Chain<'a, 'w> {
         self.progress.step = 0;
         self.progress.state = self.progress.best.clone();
         self.points = self.landmarks.points(&self.progress.state.scene.shape);
-        self.progress.state.density = self.evaluate_all();
+        self.progress.state.density = self.evaluate_current();
         self.progress.best = self.progress.state.clone();
         self.progress.initial = Some(self.progress.state.clone());
     }
 
     /// All densities of the current state, from scratch; fills the pipeline in the image stage.
-    fn evaluate_all(&mut self) -> Density {
-        let Problem { model, config, .. } = self.problem;
-        let scene = &self.progress.state.scene;
-        let mut image = 0.0;
+    fn evaluate_current(&mut self) -> Density {
+        let scene = self.progress.state.scene.clone();
+        let density = self.evaluate(&scene);
         if self.progress.stage == Stage::Image {
-            self.pipeline.update(model, scene, Touched::ALL, config.pixel_sd);
-            image = self
-                .pipeline
-                .ln_likelihood(Touched::ALL, config.pixel_sd, f64::NEG_INFINITY)
-                .unwrap_or(f64::NEG_INFINITY);
             self.pipeline.accept(Touched::ALL);
         }
+        density
+    }
+
+    /// All densities of a hypothesis, from scratch. The chain's state stays.
+    fn evaluate(&mut self, scene: &Scene) -> Density {
+        let mut image = 0.0;
+        if self.progress.stage == Stage::Image {
+            let new = Proposed { problem: self.problem, scene, touched: Touched::ALL };
+            let none = f64::NEG_INFINITY;
+            self.pipeline.update(&new);
+            image = self.pipeline.ln_likelihood(&new, none).unwrap_or(none);
+        }
+        let points = self.landmarks.points(&scene.shape);
         Density {
-            landmarks: self.landmarks.ln_likelihood(scene, &self.points),
-            prior: config.prior.ln_density(scene),
+            landmarks: self.landmarks.ln_likelihood(scene, &points),
+            prior: self.problem.config.prior.ln_density(scene),
             image,
         }
     }
@@ -602,10 +619,10 @@ impl<'a, 'w> Chain<'a, 'w> {
     /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's
     /// state.
     pub fn quality(&mut self, scene: &Scene) -> Quality {
-        let Problem { model, config, .. } = self.problem;
         let points = self.landmarks.points(&scene.shape);
-        self.pipeline.update(model, scene, Touched::ALL, config.pixel_sd);
-        let (covered, pixel_rmse) = self.pipeline.rmse_of_proposal();
+        let new = Proposed { problem: self.problem, scene, touched: Touched::ALL };
+        self.pipeline.update(&new);
+        let (covered, pixel_rmse) = self.pipeline.rmse(&new);
         Quality { covered, pixel_rmse, landmark_rmse: self.landmarks.rmse(scene, &points) }
     }
 }
@@ -627,26 +644,14 @@ fn passes(rng: &mut Rng, gain: f64) -> bool {
     gain >= 0.0 || gain.is_nan() || math::ln(rng.uniform()) < gain
 }
 
-fn hash_scene(hash: &mut Fnv64, scene: &Scene) {
-    let (pose, camera, color) = (&scene.pose, &scene.camera, &scene.color);
-    hash.write_f32(&[pose.scale, pose.roll, pose.yaw, pose.pitch]);
-    hash.write_f32(&pose.translation);
-    hash.write_f32(&[camera.focal_length, camera.principal_point[0], camera.principal_point[1]]);
-    hash.write_f32(scene.light.as_flattened());
-    hash.write_f32(&color.gain);
-    hash.write_f32(&[color.contrast]);
-    hash.write_f32(&color.offset);
-    hash.write_f32(&scene.shape);
-    hash.write_f32(&scene.albedo);
-}
-
 /// What the moves see of the chain.
 struct Around<'s, 'a, 'w> {
     centres: &'s [Option<usize>; CENTRES.len()],
     points: &'s Points,
     problem: Problem<'a>,
     landmarks: &'s Landmarks<'w>,
-    pipeline: &'s mut Pipeline<'w>,
+    pipeline: &'s Pipeline<'w>,
+    system: &'s mut [f32],
 }
 
 impl Surroundings for Around<'_, '_, '_> {
@@ -660,12 +665,17 @@ impl Surroundings for Around<'_, '_, '_> {
     }
 
     fn refine(&mut self, scene: &mut Scene, part: Part, points: u32, rng: &mut Rng) -> Option<()> {
-        let Problem { model, config, .. } = self.problem;
-        let how = (points, rng.uniform() as f32);
-        // What the linearised pixels' inverse variance amounts to.
-        let sd = config.pixel_sd * math::sqrt(config.pixel_patch);
+        let Problem { model, config, engine, .. } = self.problem;
+        let search = Search {
+            points,
+            fraction: rng.uniform() as f32,
+            // What the linearised pixels' inverse variance amounts to.
+            sd: config.pixel_sd * math::sqrt(config.pixel_patch),
+            normal_equations: engine.normal_equations,
+            memory: self.system,
+        };
         match part {
-            Part::Albedo => self.pipeline.refine_albedo(model, scene, how, sd, rng),
+            Part::Albedo => self.pipeline.refine_albedo(model, scene, search, rng),
             Part::Shape => {
                 let samples: heapless::Vec<LandmarkSample, MAX_LANDMARKS> =
                     self.landmarks.samples(scene, self.points).collect();
@@ -674,7 +684,7 @@ impl Surroundings for Around<'_, '_, '_> {
                     landmark_sd: config.landmark_sd,
                     prior: &config.prior,
                 };
-                self.pipeline.refine_shape(model, scene, how, sd, &constraints, rng)
+                self.pipeline.refine_shape(model, scene, &constraints, search, rng)
             }
         }
     }

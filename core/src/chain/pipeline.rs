@@ -1,41 +1,45 @@
 //! The stages of a rendering, kept: a move reruns only what it touches.
 
-use super::refine::{self, Constraints, Sample, View};
-use crate::basis::{field_len, padded};
-use crate::light::{self, LitPoint, ModelLight};
-use crate::likelihood::pixels::{Fragments, Target};
+use super::Problem;
+use super::refine::{self, Constraints, Sample, Search, View};
+use crate::basis::padded;
+use crate::light::{self, LitPoint};
+use crate::likelihood::pixels::{Coverage, Stale, Surface, Target};
 use crate::math;
-use crate::mesh::{self, planes};
-use crate::model::Model;
+use crate::model::{Model, Triangles};
 use crate::proposal::Touched;
-use crate::render::rasterize::{self, Frame};
-use crate::render::{project, shade};
+use crate::render::rasterize::{Frame, Hit};
+use crate::render::shade::{Planes, Shader};
 use crate::rng::Rng;
 use crate::scene::{Light, Scene};
 use crate::workspace::{Carver, Dimensions, Slots};
 
-type Field<'w> = Slots<&'w mut [f32]>;
 type Quads<'w> = Slots<&'w mut [[f32; 4]]>;
+type PixelPlanes<'w> = Slots<&'w mut [Planes]>;
+
+/// A hypothesis on its way to be the next state.
+pub(super) struct Proposed<'s, 'a> {
+    pub(super) problem: Problem<'a>,
+    pub(super) scene: &'s Scene,
+    /// What of it differs from the current state.
+    pub(super) touched: Touched,
+}
 
 /// Buffers of every stage, the current state's and the proposal's.
 pub(super) struct Pipeline<'w> {
     target: Target<'w>,
-    positions: Field<'w>,
-    normals: Field<'w>,
-    albedo: Field<'w>,
-    window: Quads<'w>,
-    shaded: Quads<'w>,
-    fragments: Slots<Fragments<'w>>,
-    frame: Frame<'w>,
-    normal_sums: &'w mut [[f32; 4]],
-    system: &'w mut [f32],
+    /// Per vertex.
+    positions: Quads<'w>,
+    normals: Quads<'w>,
+    albedo: Quads<'w>,
+    window: &'w mut [[f32; 4]],
+    /// Per pixel.
+    frame: Slots<Frame<'w>>,
+    coverage: Slots<Coverage>,
+    pixel_normals: PixelPlanes<'w>,
+    pixel_albedo: PixelPlanes<'w>,
     width: usize,
     height: usize,
-}
-
-/// Words of memory the search moves need.
-pub(crate) const fn search_words(shape_rank: usize, albedo_rank: usize) -> usize {
-    refine::system_words(refine::unknowns(shape_rank, albedo_rank))
 }
 
 impl<'w> Pipeline<'w> {
@@ -45,70 +49,86 @@ impl<'w> Pipeline<'w> {
         dimensions: &Dimensions,
         pixels: &[[u8; 3]],
     ) -> Option<Self> {
-        let &Dimensions { vertices, width, height, shape_rank, albedo_rank, .. } = dimensions;
+        let &Dimensions { vertices, width, height, .. } = dimensions;
         // First: while it is made, the target borrows memory the rest will have.
-        let target = Target::carve(carver, pixels)?;
-        let mut field = || {
-            let n = field_len(vertices);
-            Some(Slots::new(carver.floats(n)?, carver.floats(n)?))
-        };
-        let (positions, normals, albedo) = (field()?, field()?, field()?);
+        let target = Target::carve(carver, pixels, width)?;
         let mut quads = || {
             let n = padded(vertices);
             Some(Slots::new(carver.quads(n)?, carver.quads(n)?))
         };
-        let (window, shaded) = (quads()?, quads()?);
-        let mut fragments = || Fragments::carve(carver, width, height);
-        let fragments = Slots::new(fragments()?, fragments()?);
+        let (positions, normals, albedo) = (quads()?, quads()?, quads()?);
+        let mut frame = || Frame::carve(carver, width, height);
+        let frame = Slots::new(frame()?, frame()?);
+        let mut planes =
+            || Some(Slots::new(carver.planes(width, height)?, carver.planes(width, height)?));
         Some(Self {
             target,
             positions,
             normals,
             albedo,
-            window,
-            shaded,
-            fragments,
-            frame: Frame::carve(carver, width, height)?,
-            normal_sums: carver.quads(mesh::sums_len(vertices))?,
-            system: carver.floats(search_words(shape_rank, albedo_rank))?,
+            frame,
+            coverage: Slots::new(Coverage::default(), Coverage::default()),
+            pixel_normals: planes()?,
+            pixel_albedo: planes()?,
+            window: carver.quads(padded(vertices))?,
             width,
             height,
         })
     }
 
-    /// Computes the stages that `touched` invalidates for `scene`, in the spare buffers.
-    pub(super) fn update(&mut self, model: &Model<'_>, scene: &Scene, touched: Touched, sd: f32) {
+    /// Computes what a proposal invalidates of the stages before shading, in the spare buffers.
+    pub(super) fn update(&mut self, new: &Proposed<'_, '_>) {
+        let &Proposed { problem: Problem { model, engine, .. }, scene, touched } = new;
         if touched.shape {
-            model.shape.instance(&scene.shape, self.positions.spare());
+            (engine.instance)(&model.shape, &scene.shape, self.positions.spare());
             let positions = self.positions.pick(true);
-            mesh::vertex_normals(model, positions, self.normal_sums, self.normals.spare());
+            (engine.normals)(model.triangles, positions, self.normals.spare());
         }
         if touched.albedo {
-            model.albedo.instance(&scene.albedo, self.albedo.spare());
+            (engine.instance)(&model.albedo, &scene.albedo, self.albedo.spare());
         }
         if touched.geometry {
-            project::project(scene, self.positions.pick(touched.shape), self.window.spare());
-            rasterize::rasterize(model.triangles, self.window.pick(true), &mut self.frame);
-            self.fragments.spare().collect(&self.frame, model.triangles, &self.target, sd);
+            (engine.project)(scene, self.positions.pick(touched.shape), self.window);
+            (engine.rasterize)(model.triangles, self.window, self.frame.spare());
+            *self.coverage.spare() = (engine.coverage)(self.frame.pick(true), &self.target);
         }
-        let normals = self.normals.pick(touched.shape);
-        let albedo = self.albedo.pick(touched.albedo);
-        shade::shade(scene, normals, albedo, self.shaded.spare());
     }
 
     /// Image likelihood of what [`Pipeline::update`] computed; `None` if below `floor`.
-    pub(super) fn ln_likelihood(&self, touched: Touched, sd: f32, floor: f64) -> Option<f64> {
-        let fragments = self.fragments.pick(touched.geometry);
-        fragments.ln_likelihood(self.shaded.pick(true), &self.target, sd, floor)
+    pub(super) fn ln_likelihood(&mut self, new: &Proposed<'_, '_>, floor: f64) -> Option<f64> {
+        let sd = new.problem.config.pixel_sd;
+        let coverage = *self.coverage.pick(new.touched.geometry);
+        let residual = self.residual(new, coverage.limit(floor, sd))?;
+        Some(coverage.ln_likelihood(residual, sd))
     }
 
-    /// Number of covered pixels and pixel error of what was computed for a whole scene.
-    pub(super) fn rmse_of_proposal(&self) -> (usize, f64) {
-        let fragments = self.fragments.pick(true);
-        (fragments.len(), fragments.rmse(self.shaded.pick(true), &self.target))
+    /// Squared colour differences of what [`Pipeline::update`] computed; `None` if above `limit`.
+    fn residual(&mut self, new: &Proposed<'_, '_>, limit: f64) -> Option<f64> {
+        let &Proposed { problem: Problem { model, engine, .. }, scene, touched } = new;
+        let surface = Surface {
+            frame: self.frame.pick(touched.geometry),
+            triangles: model.triangles,
+            vertices: [self.normals.pick(touched.shape), self.albedo.pick(touched.albedo)],
+        };
+        let stale = match touched {
+            Touched { geometry: true, .. } => Stale::Everything,
+            Touched { albedo: true, .. } => Stale::Albedo,
+            _ => Stale::Nothing,
+        };
+        let normals = self.pixel_normals.pick_mut(stale == Stale::Everything);
+        let albedo = self.pixel_albedo.pick_mut(stale != Stale::Nothing);
+        let shader = Shader::new(scene);
+        (engine.residual)(&surface, stale, [normals, albedo], &shader, &self.target, limit)
     }
 
-    /// Makes what [`Pipeline::update`] computed the current state's.
+    /// Number of covered pixels and pixel error of what [`Pipeline::update`] computed.
+    pub(super) fn rmse(&mut self, new: &Proposed<'_, '_>) -> (usize, f64) {
+        let residual = self.residual(new, f64::INFINITY).unwrap_or(0.0);
+        let coverage = self.coverage.pick(new.touched.geometry);
+        (coverage.pixels, coverage.rmse(residual))
+    }
+
+    /// Makes what was computed for a proposal the current state's.
     pub(super) fn accept(&mut self, touched: Touched) {
         if touched.shape {
             self.positions.flip();
@@ -118,151 +138,138 @@ impl<'w> Pipeline<'w> {
             self.albedo.flip();
         }
         if touched.geometry {
-            self.window.flip();
-            self.fragments.flip();
+            self.frame.flip();
+            self.coverage.flip();
+            self.pixel_normals.flip();
         }
-        self.shaded.flip();
+        if touched.geometry || touched.albedo {
+            self.pixel_albedo.flip();
+        }
     }
 
     /// Closed-form light from randomly chosen visible pixels of the current state.
     pub(super) fn solve_light(&self, scene: &Scene, points: u32, rng: &mut Rng) -> Option<Light> {
-        let fragments = self.fragments.get();
         let rotation = scene.pose.rotation();
-        let normals = planes(self.normals.get());
-        let albedo = planes(self.albedo.get());
         let chosen = (0..points).filter_map(|_| {
-            let fragment = fragments.get(rng.below(fragments.len() as u32) as usize)?;
-            let [w1, w2] = fragment.weights;
-            let weights = [1.0 - w1 - w2, w1, w2];
-            let blend = |planes: &[&[f32]; 3]| {
-                planes.map(|plane| {
-                    let mut sum = 0.0;
-                    for (weight, corner) in weights.iter().zip(fragment.corners) {
-                        sum += weight * plane[corner as usize];
-                    }
-                    sum
-                })
-            };
-            let n = blend(&normals);
-            let k = math::rsqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-            let normal = rotation.map(|r| (r[0] * n[0] + r[1] * n[1] + r[2] * n[2]) * k);
-            let [r, g, b, _] = self.target.colors()[fragment.pixel as usize];
-            Some(LitPoint { albedo: blend(&albedo), normal, target: [r, g, b] })
+            let ([x, y], hit) = self.visible_pixel(rng)?;
+            let at = |planes: &[Planes]| planes[hit.chunk].map(|plane| plane[hit.lane]);
+            let n = at(self.pixel_normals.get());
+            let normal = rotation.map(|r| r[0] * n[0] + r[1] * n[1] + r[2] * n[2]);
+            let albedo = at(self.pixel_albedo.get());
+            Some(LitPoint { albedo, normal, target: self.target.color(x, y) })
         });
         light::solve(chosen, &scene.color)
     }
 
-    /// Gauss–Newton step of albedo and light of the current state, from random visible vertices;
-    /// goes `fraction` of the way.
+    /// A random pixel of the box around what the current state shows; `None` where it shows
+    /// nothing.
+    fn visible_pixel(&self, rng: &mut Rng) -> Option<([usize; 2], Hit)> {
+        let frame = self.frame.get();
+        let [x, y] = [frame.columns(), frame.rows()]
+            .map(|range| range.start + rng.below(range.len() as u32) as usize);
+        Some(([x, y], frame.hit(x, y)?))
+    }
+
+    /// Gauss–Newton step of albedo and light of the current state.
     pub(super) fn refine_albedo(
-        &mut self,
+        &self,
         model: &Model<'_>,
         scene: &mut Scene,
-        (points, fraction): (u32, f32),
-        sd: f32,
+        search: Search<'_>,
         rng: &mut Rng,
     ) -> Option<()> {
-        let how = (self.weight(points, sd), fraction);
-        let (visible, system) = self.visible(scene);
-        let samples = (0..points).filter_map(|_| visible.sample(rng));
-        refine::albedo(&model.albedo, scene, samples, how, system)
+        let visible = Visible::new(self, model, scene);
+        let samples = (0..search.points).filter_map(|_| visible.sample(rng));
+        refine::albedo(&model.albedo, scene, samples, self.represented(&search), search)
     }
 
-    /// Gauss–Newton step of shape and pose of the current state, from random visible vertices and
-    /// the landmarks; goes `fraction` of the way.
+    /// Gauss–Newton step of shape and pose of the current state.
     pub(super) fn refine_shape(
-        &mut self,
+        &self,
         model: &Model<'_>,
         scene: &mut Scene,
-        (points, fraction): (u32, f32),
-        sd: f32,
         constraints: &Constraints<'_>,
+        search: Search<'_>,
         rng: &mut Rng,
     ) -> Option<()> {
-        let how = (self.weight(points, sd), fraction);
-        let (visible, system) = self.visible(scene);
-        let positions = visible.positions;
-        let samples = (0..points).filter_map(|_| visible.sample(rng));
-        let position = |v: usize| positions.map(|plane| plane[v]);
-        refine::shape(&model.shape, scene, position, samples, how, constraints, system)
+        let visible = Visible::new(self, model, scene);
+        let positions = self.positions.get();
+        let samples = (0..search.points).filter_map(|_| visible.sample(rng)).map(|sample| {
+            let position = xyz(positions[sample.vertex]);
+            (position, sample)
+        });
+        let represented = self.represented(&search);
+        refine::shape(&model.shape, scene, samples, represented, constraints, search)
     }
 
-    /// Inverse variance of a sampled vertex's colour: the samples stand for all covered pixels.
-    fn weight(&self, points: u32, sd: f32) -> f32 {
-        let share = self.fragments.get().len() as f32 / points.max(1) as f32;
-        share.max(1.0) / (sd * sd)
+    /// Pixels that a sample stands for: samples are drawn from a box around what is visible.
+    fn represented(&self, search: &Search<'_>) -> f32 {
+        let frame = self.frame.get();
+        let pixels = frame.columns().len() * frame.rows().len();
+        (pixels as f32 / search.points.max(1) as f32).max(1.0)
     }
+}
 
-    /// The current state's surface, and the memory of the search moves.
-    fn visible(&mut self, scene: &Scene) -> (Visible<'_, 'w>, &mut [f32]) {
-        let visible = Visible {
-            fragments: self.fragments.get(),
-            positions: planes(self.positions.get()),
-            normals: planes(self.normals.get()),
-            shaded: self.shaded.get(),
-            target: &self.target,
-            width: self.width,
-            height: self.height,
-            view: View::new(scene),
-            light: ModelLight::new(&scene.light, &scene.pose.rotation()),
-            rotation: scene.pose.rotation(),
-            albedo: planes(self.albedo.get()),
-        };
-        (visible, self.system)
-    }
+fn xyz([x, y, z, _]: [f32; 4]) -> [f32; 3] {
+    [x, y, z]
 }
 
 /// What the search moves see of the current state.
 struct Visible<'s, 'w> {
-    fragments: &'s Fragments<'w>,
-    positions: [&'s [f32]; 3],
-    normals: [&'s [f32]; 3],
-    shaded: &'s [[f32; 4]],
-    target: &'s Target<'w>,
-    width: usize,
-    height: usize,
+    pipeline: &'s Pipeline<'w>,
+    triangles: Triangles<'s>,
     view: View,
-    light: ModelLight,
+    shader: Shader,
     rotation: [[f32; 3]; 3],
-    albedo: [&'s [f32]; 3],
 }
 
-impl Visible<'_, '_> {
-    /// A corner of a random visible fragment, the one nearest to it, compared with the picture.
+impl<'s, 'w> Visible<'s, 'w> {
+    fn new(pipeline: &'s Pipeline<'w>, model: &Model<'s>, scene: &Scene) -> Self {
+        Self {
+            pipeline,
+            triangles: model.triangles,
+            view: View::new(scene),
+            shader: Shader::new(scene),
+            rotation: scene.pose.rotation(),
+        }
+    }
+
+    /// The nearest vertex of a random visible pixel, compared with the picture.
     fn sample(&self, rng: &mut Rng) -> Option<Sample> {
-        let fragment = self.fragments.get(rng.below(self.fragments.len() as u32) as usize)?;
-        let [w1, w2] = fragment.weights;
+        let pipeline = self.pipeline;
+        let (_, hit) = pipeline.visible_pixel(rng)?;
+        let [w1, w2] = hit.weights;
         let w0 = 1.0 - w1 - w2;
         let corner = if w0 >= w1 && w0 >= w2 { 0 } else { 1 + usize::from(w2 > w1) };
-        let vertex = fragment.corners[corner] as usize;
-        let [u, v] = self.view.window(self.positions.map(|plane| plane[vertex]));
+        let vertex = self.triangles.get(hit.triangle)?[corner] as usize;
+        let [u, v] = self.view.window(xyz(pipeline.positions.get()[vertex]));
         let (color, gradient) = self.picture(u, v)?;
-        let [r, g, b, _] = self.shaded[vertex];
-        let n = self.normals.map(|plane| plane[vertex]);
-        let world = self.rotation.map(|r| r[0] * n[0] + r[1] * n[1] + r[2] * n[2]);
+        let normal = xyz(pipeline.normals.get()[vertex]);
+        let albedo = xyz(pipeline.albedo.get()[vertex]);
+        let model = self.shader.color(normal, albedo);
+        let world = self.rotation.map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
         Some(Sample {
             vertex,
-            residual: [color[0] - r, color[1] - g, color[2] - b],
+            residual: [0, 1, 2].map(|c| color[c] - model[c]),
             gradient,
-            albedo: self.albedo.map(|plane| plane[vertex]),
-            radiance: self.light.radiance(n),
+            albedo,
+            radiance: self.shader.radiance(normal),
             harmonics: light::basis(world),
         })
     }
 
     /// Colour of the picture between pixels, and its central differences over two pixels.
     fn picture(&self, u: f32, v: f32) -> Option<([f32; 3], [[f32; 3]; 2])> {
+        let Pipeline { target, width, height, .. } = self.pipeline;
         let (x, y) = (math::floor(u), math::floor(v));
         let (fx, fy) = (u - x as f32, v - y as f32);
         let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
-        if x < 1 || y < 1 || x + 2 >= self.width || y + 2 >= self.height {
+        if x < 1 || y < 1 || x + 2 >= *width || y + 2 >= *height {
             return None;
         }
-        let colors = self.target.colors();
         let at = |x: usize, y: usize| {
             let [a, b] = [0, 1].map(|j| {
-                let row = (y + j) * self.width + x;
-                let (l, r) = (colors[row], colors[row + 1]);
+                let (l, r) = (target.color(x, y + j), target.color(x + 1, y + j));
                 [0, 1, 2].map(|c| l[c] + fx * (r[c] - l[c]))
             });
             [0, 1, 2].map(|c| a[c] + fy * (b[c] - a[c]))

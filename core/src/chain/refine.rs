@@ -13,6 +13,7 @@
 use crate::basis::{Basis, padded};
 use crate::light::color_matrix;
 use crate::likelihood::prior::Prior;
+use crate::render::LANES;
 use crate::scene::{PixelCamera, Pose, Scene};
 
 /// Pose parameters refined together with the shape: rotation vector, translation in x and y, and
@@ -21,84 +22,152 @@ const POSE_PARAMETERS: usize = 7;
 /// Light parameters refined together with the albedo.
 const LIGHT_PARAMETERS: usize = 27;
 
-/// Unknowns of the larger of the two systems.
-pub(super) const fn unknowns(shape_rank: usize, albedo_rank: usize) -> usize {
+/// Words of memory the search moves need: for the larger of the two systems.
+pub(crate) const fn search_words(shape_rank: usize, albedo_rank: usize) -> usize {
     let (shape, albedo) = (shape_rank + POSE_PARAMETERS, albedo_rank + LIGHT_PARAMETERS);
-    if shape > albedo { shape } else { albedo }
+    system_words(if shape > albedo { shape } else { albedo })
 }
 
+/// Equations that are added together, so that the matrix is read and written once for all of them.
+const BATCH: usize = 8;
 /// Words of memory [`System`] needs for `n` unknowns.
-pub(super) const fn system_words(n: usize) -> usize {
-    n * n + 3 * n
+const fn system_words(n: usize) -> usize {
+    (n + BATCH) * n.next_multiple_of(LANES) + 3 * n
 }
+
+/// A row's weight and what is on its right side.
+type Equation = (f32, f32);
 
 /// Normal equations `A δ = b` in the caller's memory.
 pub(super) struct System<'s> {
     n: usize,
-    /// Row-major; only the lower triangle (`j ≤ i`) is kept up.
-    a: &'s mut [f32],
+    /// Row-major, rows padded; only the lower triangle (`j ≤ i`) is kept up.
+    a: &'s mut [[f32; LANES]],
     b: &'s mut [f32],
-    /// Two rows of a Jacobian.
+    /// Rows of a Jacobian waiting to be added, padded with zeros.
+    batch: &'s mut [[f32; LANES]],
+    waiting: heapless::Vec<Equation, BATCH>,
+    /// Two rows in the making.
     rows: [&'s mut [f32]; 2],
+    normal_equations: NormalEquations,
+}
+
+/// Type of [`add_normal_equations`].
+pub type NormalEquations = fn(&[[f32; LANES]], &[Equation], &mut [[f32; LANES]], &mut [f32]);
+
+/// Adds `Σ w·rᵀr` to a matrix and `Σ w·r·y` to a vector for rows `r` with `(w, y)`. The matrix is
+/// row-major, a row per entry of the vector, and only its lower triangle is of consequence; rows
+/// of `batch` and matrix are equally long, in whole groups of lanes.
+#[inline(always)]
+pub fn add_normal_equations(
+    batch: &[[f32; LANES]],
+    equations: &[Equation],
+    matrix: &mut [[f32; LANES]],
+    vector: &mut [f32],
+) {
+    let stride = vector.len().div_ceil(LANES).max(1);
+    for (i, (row, b)) in matrix.chunks_exact_mut(stride).zip(vector).enumerate() {
+        let mut factors = [0.0; BATCH];
+        for ((factor, r), (weight, y)) in
+            factors.iter_mut().zip(batch.chunks_exact(stride)).zip(equations)
+        {
+            *factor = weight * r[i / LANES][i % LANES];
+            *b += *factor * y;
+        }
+        for (j, a) in row.iter_mut().enumerate().take(i / LANES + 1) {
+            let mut sum = *a;
+            for (factor, r) in factors.iter().zip(batch.chunks_exact(stride)) {
+                for l in 0..LANES {
+                    sum[l] += factor * r[j][l];
+                }
+            }
+            *a = sum;
+        }
+    }
 }
 
 impl<'s> System<'s> {
     /// An empty system of `n` unknowns; `None` if the memory is shorter than [`system_words`].
-    pub(super) fn new(n: usize, memory: &'s mut [f32]) -> Option<Self> {
+    pub(super) fn new(
+        n: usize,
+        normal_equations: NormalEquations,
+        memory: &'s mut [f32],
+    ) -> Option<Self> {
         let memory = memory.get_mut(..system_words(n))?;
         memory.fill(0.0);
-        let (a, rest) = memory.split_at_mut(n * n);
+        let stride = n.next_multiple_of(LANES);
+        let (a, rest) = memory.split_at_mut(n * stride);
+        let (batch, rest) = rest.split_at_mut(BATCH * stride);
         let (b, rest) = rest.split_at_mut(n);
         let (first, second) = rest.split_at_mut(n);
-        Some(Self { n, a, b, rows: [first, second] })
+        Some(Self {
+            n,
+            a: a.as_chunks_mut().0,
+            b,
+            batch: batch.as_chunks_mut().0,
+            waiting: heapless::Vec::new(),
+            rows: [first, second],
+            normal_equations,
+        })
     }
 
     /// Adds a quadratic penalty `½ w (x + δ_i)²` on one unknown.
     fn pull(&mut self, i: usize, weight: f32, x: f32) {
-        self.a[i * self.n + i] += weight;
+        let n = self.n.next_multiple_of(LANES);
+        self.a.as_flattened_mut()[i * n + i] += weight;
         self.b[i] -= weight * x;
     }
 
     /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
     fn add(&mut self, which: usize, weight: f32, residual: f32) {
-        let row = &*self.rows[which];
-        for (i, (&r, a)) in row.iter().zip(self.a.chunks_exact_mut(self.n)).enumerate() {
-            let k = weight * r;
-            for (a, &r) in a[..=i].iter_mut().zip(row) {
-                *a += k * r;
-            }
-            self.b[i] += k * residual;
+        let start = self.waiting.len() * self.n.next_multiple_of(LANES);
+        let batch = &mut self.batch.as_flattened_mut()[start..];
+        batch[..self.n].copy_from_slice(self.rows[which]);
+        // There is room: the batch is emptied when full.
+        let _ = self.waiting.push((weight, residual));
+        if self.waiting.is_full() {
+            self.flush();
         }
+    }
+
+    /// Adds the rows that wait.
+    fn flush(&mut self) {
+        let rest = self.waiting.len() * self.n.div_ceil(LANES);
+        self.batch[rest..].fill([0.0; LANES]);
+        (self.normal_equations)(self.batch, &self.waiting, self.a, self.b);
+        self.waiting.clear();
     }
 
     /// Solves by Cholesky's method, in place; `None` if the matrix is not positive definite.
     fn solve(&mut self) -> Option<&[f32]> {
-        let n = self.n;
+        self.flush();
+        let (n, stride) = (self.n, self.n.next_multiple_of(LANES));
+        let (a, b) = (self.a.as_flattened_mut(), &mut *self.b);
         for i in 0..n {
             for j in 0..=i {
-                let (before, row) = self.a.split_at(i * n);
-                let other = if i == j { row } else { &before[j * n..] };
+                let (before, row) = a.split_at(i * stride);
+                let other = if i == j { row } else { &before[j * stride..] };
                 let dot: f32 = row[..j].iter().zip(&other[..j]).map(|(x, y)| x * y).sum();
-                let rest = self.a[i * n + j] - dot;
-                self.a[i * n + j] = if i == j {
+                let rest = a[i * stride + j] - dot;
+                a[i * stride + j] = if i == j {
                     if !(rest > 0.0) {
                         return None;
                     }
                     crate::math::sqrt(rest)
                 } else {
-                    rest / self.a[j * n + j]
+                    rest / a[j * stride + j]
                 };
             }
         }
         for i in 0..n {
-            let dot: f32 = (0..i).map(|j| self.a[i * n + j] * self.b[j]).sum();
-            self.b[i] = (self.b[i] - dot) / self.a[i * n + i];
+            let dot: f32 = (0..i).map(|j| a[i * stride + j] * b[j]).sum();
+            b[i] = (b[i] - dot) / a[i * stride + i];
         }
         for i in (0..n).rev() {
-            let dot: f32 = (i + 1..n).map(|j| self.a[j * n + i] * self.b[j]).sum();
-            self.b[i] = (self.b[i] - dot) / self.a[i * n + i];
+            let dot: f32 = (i + 1..n).map(|j| a[j * stride + i] * b[j]).sum();
+            b[i] = (b[i] - dot) / a[i * stride + i];
         }
-        self.b.iter().all(|x| x.is_finite()).then_some(self.b)
+        b.iter().all(|x| x.is_finite()).then_some(self.b)
     }
 }
 
@@ -118,18 +187,33 @@ pub(super) struct Sample {
     pub(super) harmonics: [f32; 9],
 }
 
+/// How to search, and with what.
+pub(super) struct Search<'s> {
+    /// Random points to look at; the visible ones among them count.
+    pub(super) points: u32,
+    /// How much of the way to go.
+    pub(super) fraction: f32,
+    /// Standard deviation of a colour channel of a pixel.
+    pub(super) sd: f32,
+    /// [`add_normal_equations`].
+    pub(super) normal_equations: NormalEquations,
+    /// [`search_words`] of it.
+    pub(super) memory: &'s mut [f32],
+}
+
 /// Solves for albedo coefficients and light together: brightness that the albedo's prior dislikes
-/// goes to the light. `samples` are weighted by `weight` (inverse variance); the step goes
-/// `fraction` of the way.
+/// goes to the light. Each sample stands for `represented` pixels.
 pub(super) fn albedo(
     basis: &Basis<'_>,
     scene: &mut Scene,
     samples: impl Iterator<Item = Sample>,
-    (weight, fraction): (f32, f32),
-    memory: &mut [f32],
+    represented: f32,
+    search: Search<'_>,
 ) -> Option<()> {
+    let Search { fraction, sd, normal_equations, memory, .. } = search;
+    let weight = represented / (sd * sd);
     let rank = scene.albedo.len();
-    let mut system = System::new(rank + LIGHT_PARAMETERS, memory)?;
+    let mut system = System::new(rank + LIGHT_PARAMETERS, normal_equations, memory)?;
     let plane = padded(basis.mean().len() / 3);
     let mix = color_matrix(&scene.color);
     for sample in samples {
@@ -250,25 +334,26 @@ pub(super) struct Constraints<'s> {
     pub(super) prior: &'s Prior,
 }
 
-/// Solves for shape coefficients and pose; `positions` gives a vertex of the current state.
+/// Solves for shape coefficients and pose; samples come with their model-frame positions.
 pub(super) fn shape(
     basis: &Basis<'_>,
     scene: &mut Scene,
-    positions: impl Fn(usize) -> [f32; 3],
-    samples: impl Iterator<Item = Sample>,
-    (weight, fraction): (f32, f32),
+    samples: impl Iterator<Item = ([f32; 3], Sample)>,
+    represented: f32,
     constraints: &Constraints<'_>,
-    memory: &mut [f32],
+    search: Search<'_>,
 ) -> Option<()> {
+    let Search { fraction, sd, normal_equations, memory, .. } = search;
+    let weight = represented / (sd * sd);
     let rank = scene.shape.len();
-    let mut system = System::new(rank + POSE_PARAMETERS, memory)?;
+    let mut system = System::new(rank + POSE_PARAMETERS, normal_equations, memory)?;
     let plane = padded(basis.mean().len() / 3);
     let view = View::new(scene);
     let at =
         |vertex: usize| move |k: usize| [0, 1, 2].map(|axis| basis.entry(axis * plane + vertex, k));
-    for sample in samples {
+    for (position, sample) in samples {
         let [du, dv] = &mut system.rows;
-        view.derivatives(positions(sample.vertex), at(sample.vertex), [du, dv]);
+        view.derivatives(position, at(sample.vertex), [du, dv]);
         // Three channels, two directions: G = Σ g gᵀ = L Lᵀ gives two equations instead of three.
         let [gx, gy] = sample.gradient;
         let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

@@ -8,18 +8,19 @@ use super::{LN_2PI, background};
 use crate::math;
 use crate::mesh::Index;
 use crate::model::Triangles;
-use crate::render::rasterize::Frame;
-use crate::render::shade::interpolate;
+use crate::render::rasterize::{Frame, NONE};
+use crate::render::shade::{self, Places, Planes, Shader};
+use crate::render::{LANES, chunks};
 use crate::workspace::Carver;
-
-/// Words of memory one [`Fragments`] needs.
-pub const fn fragments_words(width: usize, height: usize) -> usize {
-    6 * width * height + height
-}
 
 /// Words of memory [`Target`] needs; while it is made, [`background::HISTOGRAM_LEN`] more.
 pub const fn target_words(width: usize, height: usize) -> usize {
-    5 * width * height
+    4 * LANES * chunks(width, height)
+}
+
+/// Words of memory of three numbers per pixel.
+pub const fn planes_words(width: usize, height: usize) -> usize {
+    3 * LANES * chunks(width, height)
 }
 
 /// Log normaliser of the pixel's Gaussian, three channels.
@@ -29,209 +30,232 @@ pub fn ln_normaliser(sd: f64) -> f64 {
 
 /// The picture to be explained: colours, and the log density of each under the background.
 pub struct Target<'w> {
-    /// `[R, G, B, 0]` in `[0, 1]`.
-    colors: &'w mut [[f32; 4]],
-    ln_background: &'w mut [f32],
+    /// In `[0, 1]`.
+    colors: &'w mut [Planes],
+    ln_background: &'w mut [[f32; LANES]],
+    /// Chunks per row.
+    stride: usize,
 }
 
 impl<'w> Target<'w> {
-    /// Takes the memory and fills it from 8-bit pixels; `None` if there is too little.
-    pub fn carve(carver: &mut Carver<'w>, pixels: &[[u8; 3]]) -> Option<Self> {
-        let colors = carver.quads(pixels.len())?;
-        let ln_background = carver.floats(pixels.len())?;
+    /// Takes the memory and fills it from 8-bit pixels, rows of `width`; `None` if there is too
+    /// little.
+    pub fn carve(carver: &mut Carver<'w>, pixels: &[[u8; 3]], width: usize) -> Option<Self> {
+        let height = pixels.len().checked_div(width)?;
+        let colors = carver.planes(width, height)?;
+        let (ln_background, _) =
+            carver.floats(LANES * chunks(width, height))?.as_chunks_mut::<LANES>();
         let histogram = carver.scratch(background::HISTOGRAM_LEN)?;
         histogram.fill(0);
         background::count(pixels, histogram);
-        for ((&pixel, color), ln) in pixels.iter().zip(&mut *colors).zip(&mut *ln_background) {
-            let [r, g, b] = pixel.map(|c| f32::from(c) / 255.0);
-            *color = [r, g, b, 0.0];
-            *ln = background::ln_density(histogram[background::bin(pixel)], pixels.len());
+        colors.fill([[0.0; LANES]; 3]);
+        ln_background.fill([0.0; LANES]);
+        let stride = chunks(width, 1);
+        for (y, row) in pixels.chunks_exact(width).enumerate() {
+            for (x, &pixel) in row.iter().enumerate() {
+                let (chunk, lane) = (y * stride + x / LANES, x % LANES);
+                for (plane, c) in colors[chunk].iter_mut().zip(pixel) {
+                    plane[lane] = f32::from(c) / 255.0;
+                }
+                let count = histogram[background::bin(pixel)];
+                ln_background[chunk][lane] = background::ln_density(count, pixels.len());
+            }
         }
-        Some(Self { colors, ln_background })
+        Some(Self { colors, ln_background, stride })
     }
 
-    /// Colours, `[R, G, B, 0]` per pixel.
-    pub fn colors(&self) -> &[[f32; 4]] {
-        self.colors
+    /// Colour of a pixel; black outside the picture.
+    pub fn color(&self, x: usize, y: usize) -> [f32; 3] {
+        match self.colors.get(y * self.stride + x / LANES) {
+            Some(planes) => planes.map(|plane| plane[x % LANES]),
+            None => [0.0; 3],
+        }
     }
 }
 
-/// One visible surface sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fragment {
-    /// Vertices of the visible triangle.
-    pub corners: [u32; 3],
-    /// Weights of the second and third corner.
-    pub weights: [f32; 2],
-    /// Index of the pixel.
-    pub pixel: u32,
+/// How much of the picture something covers, and what the background would have said there.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Coverage {
+    /// Covered pixels.
+    pub pixels: usize,
+    /// Their log density under the background.
+    ln_background: f64,
 }
 
-/// The covered pixels of one geometry, row by row.
-pub struct Fragments<'w> {
-    /// Three corners and the pixel.
-    indices: &'w mut [[u32; 4]],
-    weights: &'w mut [[f32; 2]],
-    /// Number of fragments up to and including each row.
-    row_ends: &'w mut [u32],
-    len: usize,
-    /// `Σ (N_σ − log background)`: the image likelihood of a perfect match.
-    ceiling: f64,
-}
-
-impl<'w> Fragments<'w> {
-    /// Takes the memory for a picture; `None` if there is too little. Holds nothing.
-    pub fn carve(carver: &mut Carver<'w>, width: usize, height: usize) -> Option<Self> {
-        Some(Self {
-            indices: carver.word_quads(width * height)?,
-            weights: carver.pairs(width * height)?,
-            row_ends: carver.words(height)?,
-            len: 0,
-            ceiling: f64::NEG_INFINITY,
-        })
-    }
-
-    /// Number of covered pixels.
-    pub fn len(&self) -> usize {
-        self.len
-    }
-
-    /// Whether nothing is covered.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// Fragment number `index`, `None` past the end.
-    pub fn get(&self, index: usize) -> Option<Fragment> {
-        let &[a, b, c, pixel] = self.indices[..self.len].get(index)?;
-        Some(Fragment { corners: [a, b, c], weights: self.weights[index], pixel })
-    }
-
-    /// Collects what is visible in `frame`.
-    pub fn collect(
-        &mut self,
-        frame: &Frame<'_>,
-        triangles: Triangles<'_>,
-        target: &Target<'_>,
-        sd: f32,
-    ) {
-        match triangles {
-            Triangles::U16(t) => self.collect_from(frame, t, target, sd),
-            Triangles::U32(t) => self.collect_from(frame, t, target, sd),
-        }
-    }
-
-    fn collect_from<I: Index>(
-        &mut self,
-        frame: &Frame<'_>,
-        triangles: &[[I; 3]],
-        target: &Target<'_>,
-        sd: f32,
-    ) {
-        let normaliser = ln_normaliser(f64::from(sd)) as f32;
-        self.len = 0;
-        self.ceiling = 0.0;
-        self.row_ends.fill(0);
-        for row in frame.rows() {
-            let mut ceiling = 0.0_f32;
-            for hit in frame.row(row) {
-                let Some(corners) = triangles.get(hit.triangle) else { continue };
-                let [a, b, c] = corners.map(|corner| corner.index() as u32);
-                self.indices[self.len] = [a, b, c, hit.pixel as u32];
-                self.weights[self.len] = hit.weights;
-                self.len += 1;
-                ceiling += normaliser - target.ln_background[hit.pixel];
+impl Coverage {
+    /// Counts the covered pixels of a frame.
+    #[inline(always)]
+    pub fn of(frame: &Frame<'_>, target: &Target<'_>) -> Self {
+        let mut coverage = Self::default();
+        for y in frame.rows() {
+            let (mut sums, mut counts) = ([0.0_f32; LANES], [0_u32; LANES]);
+            for index in frame.row(y) {
+                let (nearest, _) = frame.chunk(index);
+                let Some(ln_background) = target.ln_background.get(index) else { continue };
+                for l in 0..LANES {
+                    let covered = nearest[l][1] != NONE;
+                    sums[l] += if covered { ln_background[l] } else { 0.0 };
+                    counts[l] += u32::from(covered);
+                }
             }
-            self.ceiling += f64::from(ceiling);
-            self.row_ends[row] = self.len as u32;
+            coverage.ln_background += f64::from(sum(sums));
+            coverage.pixels += counts.iter().sum::<u32>() as usize;
         }
-        if self.len == 0 {
-            self.ceiling = f64::NEG_INFINITY;
-        }
+        coverage
     }
 
-    /// Log likelihood of the picture given the vertex colours; −∞ if nothing is covered.
-    ///
-    /// Gives up with `None` as soon as the value is certain to be below `floor`: residuals only
-    /// add up, so the rows seen so far bound it. The decision `value ≥ floor` is the same as with
-    /// the whole sum.
-    pub fn ln_likelihood(
-        &self,
-        shaded: &[[f32; 4]],
-        target: &Target<'_>,
-        sd: f32,
-        floor: f64,
-    ) -> Option<f64> {
-        let precision = 0.5 / (f64::from(sd) * f64::from(sd));
-        let mut residuals = 0.0_f64;
-        let mut start = 0;
-        for &end in &*self.row_ends {
-            let end = end as usize;
-            if end <= start {
-                continue;
-            }
-            residuals += f64::from(row_residual(
-                &self.indices[start..end],
-                &self.weights[start..end],
-                shaded,
-                target.colors,
-            ));
-            start = end;
-            if self.ceiling - residuals * precision < floor {
-                return None;
-            }
+    /// Log likelihood of a picture that differs from the model by `residual`, see [`residual`].
+    /// −∞ if nothing is covered.
+    pub fn ln_likelihood(&self, residual: f64, sd: f32) -> f64 {
+        let sd = f64::from(sd);
+        if self.pixels == 0 {
+            return f64::NEG_INFINITY;
         }
-        let value = self.ceiling - residuals * precision;
-        (value >= floor).then_some(value)
+        self.pixels as f64 * ln_normaliser(sd) - self.ln_background - residual / (2.0 * sd * sd)
+    }
+
+    /// The residual at which the log likelihood is `floor`.
+    pub fn limit(&self, floor: f64, sd: f32) -> f64 {
+        let sd = f64::from(sd);
+        (self.ln_likelihood(0.0, sd as f32) - floor) * (2.0 * sd * sd)
     }
 
     /// Root mean square colour difference per channel over the covered pixels, `[0, 1]` units.
-    pub fn rmse(&self, shaded: &[[f32; 4]], target: &Target<'_>) -> f64 {
-        let sum = row_sums(self, shaded, target);
-        math::sqrt_f64(sum / (3 * self.len.max(1)) as f64)
+    pub fn rmse(&self, residual: f64) -> f64 {
+        math::sqrt_f64(residual / (3 * self.pixels.max(1)) as f64)
     }
 }
 
-fn row_sums(fragments: &Fragments<'_>, shaded: &[[f32; 4]], target: &Target<'_>) -> f64 {
-    let mut sum = 0.0;
-    let mut start = 0;
-    for &end in &*fragments.row_ends {
-        let end = (end as usize).max(start);
-        let (indices, weights) = (&fragments.indices[start..end], &fragments.weights[start..end]);
-        sum += f64::from(row_residual(indices, weights, shaded, target.colors));
-        start = end;
+/// What of a surface's attributes per pixel is out of date.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stale {
+    /// Nothing: only light or colour transform have changed.
+    Nothing,
+    /// The albedo.
+    Albedo,
+    /// Normals and albedo.
+    Everything,
+}
+
+/// A visible surface.
+pub struct Surface<'s, 'w> {
+    /// What is visible where.
+    pub frame: &'s Frame<'w>,
+    /// The mesh's faces.
+    pub triangles: Triangles<'s>,
+    /// Unit normals (model frame) and albedo of the vertices.
+    pub vertices: [&'s [[f32; 4]]; 2],
+}
+
+/// Sum of squared colour differences between a surface and the picture over the covered pixels,
+/// all channels. `pixels` are its normals and albedo, whose `stale` part is computed on the way.
+///
+/// Gives up with `None` as soon as the sum is certain to exceed `limit`: differences only add up.
+/// Then some of `pixels` are still stale.
+#[inline(always)]
+pub fn residual(
+    surface: &Surface<'_, '_>,
+    stale: Stale,
+    pixels: [&mut [Planes]; 2],
+    shader: &Shader,
+    target: &Target<'_>,
+    limit: f64,
+) -> Option<f64> {
+    match surface.triangles {
+        Triangles::U16(t) => residual_of(t, surface, stale, pixels, shader, target, limit),
+        Triangles::U32(t) => residual_of(t, surface, stale, pixels, shader, target, limit),
     }
-    sum
 }
 
-/// Sum of squared colour differences over the fragments of one row.
-fn row_residual(
-    indices: &[[u32; 4]],
-    weights: &[[f32; 2]],
-    shaded: &[[f32; 4]],
-    target: &[[f32; 4]],
-) -> f32 {
-    let [r, g, b, _] = channel_residuals(indices, weights, shaded, target);
-    r + g + b
-}
-
-/// The same per channel. A function of its own so that the compiler sees four lanes alike, and
-/// not three that are going to be added.
-#[inline(never)]
-fn channel_residuals(
-    indices: &[[u32; 4]],
-    weights: &[[f32; 2]],
-    shaded: &[[f32; 4]],
-    target: &[[f32; 4]],
-) -> [f32; 4] {
-    let mut sums = [0.0_f32; 4];
-    for (&[a, b, c, pixel], &w) in indices.iter().zip(weights) {
-        let color = interpolate(shaded, [a, b, c], w);
-        let observed = target[pixel as usize];
-        for l in 0..4 {
-            let d = color[l] - observed[l];
-            sums[l] += d * d;
+#[inline(always)]
+fn residual_of<I: Index>(
+    triangles: &[[I; 3]],
+    &Surface { frame, vertices, .. }: &Surface<'_, '_>,
+    stale: Stale,
+    [normals, albedo]: [&mut [Planes]; 2],
+    shader: &Shader,
+    target: &Target<'_>,
+    limit: f64,
+) -> Option<f64> {
+    let mut residual = 0.0_f64;
+    for y in frame.rows() {
+        // A loop of its own: what is stored piecemeal here has arrived when the next loop loads it
+        // in wide vectors.
+        if stale != Stale::Nothing {
+            for index in frame.row(y) {
+                let (visible, normals, albedo) =
+                    (frame.chunk(index), normals.get_mut(index), albedo.get_mut(index));
+                let (Some(normals), Some(albedo)) = (normals, albedo) else { continue };
+                if is_empty(visible.0) {
+                    continue;
+                }
+                let places = Places::new(triangles, visible);
+                if stale == Stale::Everything {
+                    places.interpolate(vertices[0], normals);
+                }
+                places.interpolate(vertices[1], albedo);
+            }
+        }
+        let mut sums = [0.0_f32; LANES];
+        for index in frame.row(y) {
+            let (nearest, _) = frame.chunk(index);
+            let (Some(normals), Some(albedo), Some(observed)) =
+                (normals.get_mut(index), albedo.get(index), target.colors.get(index))
+            else {
+                continue;
+            };
+            if is_empty(nearest) {
+                continue;
+            }
+            if stale == Stale::Everything {
+                *normals = shade::normalize(*normals);
+            }
+            // Values, not references: what does not overlap needs no proof of it.
+            let squares = differences(*normals, *albedo, shader, *observed);
+            for l in 0..LANES {
+                sums[l] += if nearest[l][1] == NONE { 0.0 } else { squares[l] };
+            }
+        }
+        residual += f64::from(sum(sums));
+        if residual > limit {
+            return None;
         }
     }
-    sums
+    (residual <= limit).then_some(residual)
+}
+
+/// Whether nothing is visible in a chunk.
+#[inline(always)]
+fn is_empty(nearest: &[[u32; 2]; LANES]) -> bool {
+    nearest.iter().all(|[_, triangle]| *triangle == NONE)
+}
+
+/// Squared differences of a chunk's colours from the picture's.
+#[inline(always)]
+fn differences(
+    [nx, ny, nz]: Planes,
+    [ar, ag, ab]: Planes,
+    shader: &Shader,
+    [r, g, b]: Planes,
+) -> [f32; LANES] {
+    let mut squares = [0.0; LANES];
+    for l in 0..LANES {
+        let color = shader.color([nx[l], ny[l], nz[l]], [ar[l], ag[l], ab[l]]);
+        let d = [color[0] - r[l], color[1] - g[l], color[2] - b[l]];
+        squares[l] = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+    }
+    squares
+}
+
+/// Sum of the lanes, halves first.
+#[inline(always)]
+fn sum(mut lanes: [f32; LANES]) -> f32 {
+    let mut half = LANES / 2;
+    while half > 0 {
+        for l in 0..half {
+            lanes[l] += lanes[l + half];
+        }
+        half /= 2;
+    }
+    lanes[0]
 }

@@ -1,28 +1,38 @@
-//! From vertex fields to pixels: project, rasterize, shade.
+//! From vertices to pixels: project, rasterize, shade.
 //!
 //! Each stage is a function from slices to slices, so that the chain reruns only what a move has
-//! touched: a new light needs [`shade`] alone, new albedo needs [`shade`], a new pose needs
-//! [`project`] and [`rasterize`] before it.
+//! touched. Rasterizing finds the visible triangle of every pixel; shading interpolates normal and
+//! albedo there and lights them. Both are kept per pixel, so that new light needs neither new
+//! geometry nor new interpolation, and new albedo only the latter.
 //!
-//! Colours are computed per vertex and interpolated perspective-correctly per pixel. With
-//! triangles of one or two pixels this is what shading every pixel gives, but for creases where
-//! normals turn within a triangle; the per-pixel twin in the tests is the oracle.
+//! A picture's rows are padded to whole chunks of [`LANES`] pixels, and everything per pixel is
+//! computed a chunk at a time.
 
 pub mod project;
 pub mod rasterize;
 pub mod shade;
 
-use crate::basis::{field_len, padded};
-use crate::model::Model;
+use crate::basis::padded;
+use crate::mesh::{self, Index};
+use crate::model::{Model, Triangles};
 use crate::scene::Scene;
 use rasterize::{Frame, frame_words};
+use shade::{Places, Planes, Shader};
+
+/// Pixels handled together.
+pub const LANES: usize = 16;
+
+/// Chunks of [`LANES`] pixels of a picture, whose rows start with a new chunk each.
+pub const fn chunks(width: usize, height: usize) -> usize {
+    width.div_ceil(LANES) * height
+}
 
 /// A picture to draw into, RGB per pixel, row by row; what the mesh does not cover stays as it is.
 pub type Pixels<'a> = &'a mut [[f32; 3]];
 
 /// Words of memory [`draw`] needs for a model and a picture.
 pub const fn draw_words(vertices: usize, width: usize, height: usize) -> usize {
-    3 * field_len(vertices) + 8 * padded(vertices) + frame_words(width, height)
+    4 * 4 * padded(vertices) + frame_words(width, height)
 }
 
 /// Draws the model under a hypothesis over `pixels` (width × height of the scene's camera) and
@@ -44,28 +54,53 @@ pub fn draw(
         return None;
     }
     let mut carve = crate::workspace::Carver::new(memory);
-    let positions = carve.floats(field_len(vertices))?;
-    let normals = carve.floats(field_len(vertices))?;
-    let albedo = carve.floats(field_len(vertices))?;
+    let positions = carve.quads(padded(vertices))?;
+    let normals = carve.quads(padded(vertices))?;
+    let albedo = carve.quads(padded(vertices))?;
     let window = carve.quads(padded(vertices))?;
-    let shaded = carve.quads(padded(vertices))?;
     let mut frame = Frame::carve(&mut carve, width, height)?;
 
     model.shape.instance(&scene.shape, positions);
-    // `shaded` serves as scratch before it is filled.
-    crate::mesh::vertex_normals(model, positions, shaded, normals);
+    mesh::vertex_normals(model.triangles, positions, normals);
     model.albedo.instance(&scene.albedo, albedo);
     project::project(scene, positions, window);
-    shade::shade(scene, normals, albedo, shaded);
     rasterize::rasterize(model.triangles, window, &mut frame);
+    let shader = Shader::new(scene);
+    Some(match model.triangles {
+        Triangles::U16(t) => fill(&frame, t, [normals, albedo], &shader, pixels, width),
+        Triangles::U32(t) => fill(&frame, t, [normals, albedo], &shader, pixels, width),
+    })
+}
 
+/// Colours the covered pixels and counts them.
+fn fill<I: Index>(
+    frame: &Frame<'_>,
+    triangles: &[[I; 3]],
+    attributes: [&[[f32; 4]]; 2],
+    shader: &Shader,
+    pixels: Pixels<'_>,
+    width: usize,
+) -> usize {
     let mut covered = 0;
-    for hit in frame.rows().flat_map(|y| frame.row(y)) {
-        if let Some(corners) = model.triangles.get(hit.triangle) {
-            let color = shade::interpolate(shaded, corners, hit.weights);
-            pixels[hit.pixel] = [color[0], color[1], color[2]];
-            covered += 1;
+    for y in frame.rows() {
+        let row = pixels.get_mut(y * width..(y + 1) * width).unwrap_or_default();
+        for index in frame.row(y) {
+            let visible = frame.chunk(index);
+            let places = Places::new(triangles, visible);
+            let [n, a] = attributes.map(|vertices| {
+                let mut planes = Planes::default();
+                places.interpolate(vertices, &mut planes);
+                planes
+            });
+            let n = shade::normalize(n);
+            let x = index * LANES % (width.div_ceil(LANES) * LANES);
+            for (l, pixel) in row.iter_mut().skip(x).take(LANES).enumerate() {
+                if visible.0[l][1] != rasterize::NONE {
+                    *pixel = shader.color([n[0][l], n[1][l], n[2][l]], [a[0][l], a[1][l], a[2][l]]);
+                    covered += 1;
+                }
+            }
         }
     }
-    Some(covered)
+    covered
 }

@@ -1,6 +1,5 @@
 //! Model positions to window coordinates.
 
-use crate::mesh::planes;
 use crate::scene::Scene;
 
 /// Vertices handled together; the loop over them has no branches and vectorises.
@@ -13,32 +12,27 @@ const BATCH: usize = 8;
 /// no cracks, without integer rasterization.
 const SNAP: f32 = 49_152.0;
 
-/// Fills `window` with `[u, v, 1/d, 0]` per vertex: window pixels on a 1/256 grid, and the inverse
+/// Fills `window` with `[u, v, 1/d, 0]` per vertex of `positions` (`[x, y, z, 0]`): window pixels on a 1/256 grid, and the inverse
 /// distance. `u` and `v` are NaN for vertices nearer than the near plane: no triangle with such a
 /// corner passes for a front face, so nothing else has to look at the near plane.
-pub fn project(scene: &Scene, positions: &[f32], window: &mut [[f32; 4]]) {
+#[inline(always)]
+pub fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
     let r = scene.pose.rotation();
     let s = scene.pose.scale;
     let t = scene.pose.translation;
     let near = scene.camera.near;
     let pixel = scene.camera.pixel_scale();
     let m: [[f32; 3]; 3] = r.map(|row| row.map(|v| v * s));
-    let [x, y, z] = planes(positions);
-    let batches = window
-        .as_chunks_mut::<BATCH>()
-        .0
-        .iter_mut()
-        .zip(x.as_chunks::<BATCH>().0)
-        .zip(y.as_chunks::<BATCH>().0)
-        .zip(z.as_chunks::<BATCH>().0);
-    for (((out, x), y), z) in batches {
+    let batches = positions.as_chunks::<BATCH>().0;
+    for (out, p) in window.as_chunks_mut::<BATCH>().0.iter_mut().zip(batches) {
         let mut u = [0.0_f32; BATCH];
         let mut v = [0.0_f32; BATCH];
         let mut inverse = [0.0_f32; BATCH];
         for l in 0..BATCH {
-            let xw = m[0][0] * x[l] + m[0][1] * y[l] + m[0][2] * z[l] + t[0];
-            let yw = m[1][0] * x[l] + m[1][1] * y[l] + m[1][2] * z[l] + t[1];
-            let d = -(m[2][0] * x[l] + m[2][1] * y[l] + m[2][2] * z[l] + t[2]);
+            let [x, y, z, _] = p[l];
+            let xw = m[0][0] * x + m[0][1] * y + m[0][2] * z + t[0];
+            let yw = m[1][0] * x + m[1][1] * y + m[1][2] * z + t[1];
+            let d = -(m[2][0] * x + m[2][1] * y + m[2][2] * z + t[2]);
             let i = 1.0 / d;
             // Not a branch: NaN added before the near plane, 0 behind it.
             let visible = if d > near { 0.0 } else { f32::NAN };

@@ -15,14 +15,15 @@
 //! exact, and of two edge functions with a common edge one subtracts the very products that the
 //! other subtracts the other way round. Their signs are opposite, or both are zero and inside.
 
+use super::{LANES, chunks};
 use crate::math::{self, less, more};
-use crate::mesh::Index;
+use crate::mesh::{Index, transpose};
 use crate::model::Triangles;
 use crate::workspace::Carver;
 use core::ops::Range;
 
-/// Marks a pixel no triangle covers.
-const NONE: u32 = u32::MAX;
+/// The triangle of a pixel that nothing covers: past the end of any model's.
+pub const NONE: u32 = u32::MAX;
 
 /// Inverse distance and triangle of a pixel where nothing is visible.
 const EMPTY: [u32; 2] = [0, NONE];
@@ -31,11 +32,13 @@ const EMPTY: [u32; 2] = [0, NONE];
 pub struct Frame<'w> {
     width: usize,
     height: usize,
+    /// Chunks of pixels per row.
+    stride: usize,
     /// Inverse distance of the visible surface (the bits of an f32; 0 where nothing is) and index
     /// of the visible triangle ([`NONE`] where nothing is), next to each other in memory.
-    nearest: &'w mut [[u32; 2]],
+    nearest: &'w mut [[[u32; 2]; LANES]],
     /// Perspective-correct weights of the triangle's second and third corner.
-    weights: &'w mut [[f32; 2]],
+    weights: &'w mut [[[f32; 2]; LANES]],
     /// Rows and columns that may be covered.
     rows: Range<usize>,
     columns: Range<usize>,
@@ -43,28 +46,40 @@ pub struct Frame<'w> {
 
 /// Words of memory a [`Frame`] needs.
 pub const fn frame_words(width: usize, height: usize) -> usize {
-    4 * width * height
+    4 * LANES * chunks(width, height)
 }
 
 /// What is visible at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Index of the pixel.
-    pub pixel: usize,
-    /// Index of the triangle; past the end of the triangles where nothing is visible.
+    /// The pixel's chunk.
+    pub chunk: usize,
+    /// Its place in the chunk.
+    pub lane: usize,
+    /// Index of the triangle.
     pub triangle: usize,
     /// Perspective-correct weights of its second and third corner.
     pub weights: [f32; 2],
 }
 
+/// Triangles of [`LANES`] pixels, and the weights of their second and third corners.
+pub type Visible<'s> = (&'s [[u32; 2]; LANES], &'s [[f32; 2]; LANES]);
+
 impl<'w> Frame<'w> {
     /// Takes a frame's memory; `None` if there is too little. Nothing is visible in it.
     pub fn carve(carver: &mut Carver<'w>, width: usize, height: usize) -> Option<Self> {
-        let pixels = width * height;
-        let (nearest, _) = carver.words(2 * pixels)?.as_chunks_mut();
-        let weights = carver.pairs(pixels)?;
+        let count = LANES * chunks(width, height);
+        let (nearest, _) = carver.words(2 * count)?.as_chunks_mut();
         nearest.fill(EMPTY);
-        Some(Self { width, height, nearest, weights, rows: 0..0, columns: 0..0 })
+        Some(Self {
+            width,
+            height,
+            stride: chunks(width, 1),
+            nearest: nearest.as_chunks_mut().0,
+            weights: carver.pairs(count)?.as_chunks_mut().0,
+            rows: 0..0,
+            columns: 0..0,
+        })
     }
 
     /// Rows that may hold covered pixels.
@@ -72,26 +87,51 @@ impl<'w> Frame<'w> {
         self.rows.clone()
     }
 
-    /// The pixels of a row that may be covered.
-    #[inline]
-    pub fn row(&self, y: usize) -> impl Iterator<Item = Hit> {
-        let first = y * self.width;
-        let pixels = first + self.columns.start..first + self.columns.end;
-        let nearest = self.nearest.get(pixels.clone()).unwrap_or_default();
-        let weights = self.weights.get(pixels.clone()).unwrap_or_default();
-        pixels.zip(nearest).zip(weights).map(|((pixel, &[_, triangle]), &weights)| Hit {
-            pixel,
-            triangle: triangle as usize,
-            weights,
-        })
+    /// Columns that may hold covered pixels.
+    pub fn columns(&self) -> Range<usize> {
+        self.columns.clone()
     }
 
-    /// Forgets everything visible; cost follows the rows that were covered.
+    /// Numbers of the chunks of a row that may hold covered pixels: chunk `i` is the pixels
+    /// `LANES·i..` of all rows, each row padded to whole chunks.
+    #[inline(always)]
+    pub fn row(&self, y: usize) -> Range<usize> {
+        let first = y * self.stride;
+        first + self.columns.start / LANES..first + self.columns.end.div_ceil(LANES)
+    }
+
+    /// What is visible at column `x` of row `y`: the pixel's chunk, its place there, the triangle
+    /// and the weights of the triangle's second and third corner.
+    pub fn hit(&self, x: usize, y: usize) -> Option<Hit> {
+        let (chunk, lane) = (y * self.stride + x / LANES, x % LANES);
+        let (nearest, weights) = self.chunk(chunk);
+        let triangle = nearest[lane][1] as usize;
+        let hit = Hit { chunk, lane, triangle, weights: weights[lane] };
+        (x < self.width && nearest[lane] != EMPTY).then_some(hit)
+    }
+
+    /// `[inverse distance's bits, triangle]` and the weights of the triangle's second and third
+    /// corner, for the pixels of a chunk; nothing past the end.
+    #[inline(always)]
+    pub fn chunk(&self, index: usize) -> Visible<'_> {
+        const NOTHING: Visible<'_> = (&[EMPTY; LANES], &[[0.0; 2]; LANES]);
+        match (self.nearest.get(index), self.weights.get(index)) {
+            (Some(nearest), Some(weights)) => (nearest, weights),
+            _ => NOTHING,
+        }
+    }
+
+    /// Forgets everything visible; cost follows what may have been covered.
+    #[inline(always)]
     fn clear(&mut self) {
-        self.nearest[self.rows.start * self.width..self.rows.end * self.width].fill(EMPTY);
+        for y in self.rows() {
+            let row = self.row(y);
+            self.nearest[row].fill([EMPTY; LANES]);
+        }
     }
 
     /// Finds the rows and columns that triangles with these corners may cover.
+    #[inline(always)]
     fn bound(&mut self, window: &[[f32; 4]]) {
         let mut low = [f32::INFINITY; 4];
         let mut high = [f32::NEG_INFINITY; 4];
@@ -111,23 +151,32 @@ impl<'w> Frame<'w> {
         self.rows = range(1, self.height);
     }
 
-    /// Draws one pixel of a triangle whose edge functions there are `e` and whose corners have
-    /// the inverse distances `z`, unless something nearer is there.
+    /// Draws one pixel of a triangle, unless something nearer is there.
     #[inline(always)]
-    fn draw(&mut self, pixel: usize, triangle: u32, e: [f32; 3], z: Corners) {
-        // 1/d is linear in the window: its value is also the perspective divisor.
-        let w = [e[0] * z[0], e[1] * z[1], e[2] * z[2]];
-        let sum = w[0] + w[1] + w[2];
-        let inverse_depth = sum / (e[0] + e[1] + e[2]);
-        if let Some(nearest) = self.nearest.get_mut(pixel)
-            && let Some(weights) = self.weights.get_mut(pixel)
-            && inverse_depth > f32::from_bits(nearest[0])
+    fn draw(&mut self, pixel: usize, triangle: u32, [second, third, sum, inverse]: Point) {
+        if let Some(nearest) = self.nearest.as_flattened_mut().get_mut(pixel)
+            && let Some(weights) = self.weights.as_flattened_mut().get_mut(pixel)
+            && inverse > f32::from_bits(nearest[0])
         {
             let k = 1.0 / sum;
-            *nearest = [inverse_depth.to_bits(), triangle];
-            *weights = [w[1] * k, w[2] * k];
+            *nearest = [inverse.to_bits(), triangle];
+            *weights = [second * k, third * k];
         }
     }
+}
+
+/// A triangle at a point of the window: its edge functions times the corners' inverse distances,
+/// of the second and third corner and the sum of all three; and the point's inverse distance,
+/// which is that sum over the area. All four are linear in the window.
+type Point = [f32; 4];
+
+/// The triangle at the point where its edge functions are `e`, or its change along the way that
+/// changes them by `e`; `z` are the inverse distances of the corners.
+#[inline(always)]
+fn point(e: [f32; 3], z: Corners, inverse_area: f32) -> Point {
+    let w = [e[0] * z[0], e[1] * z[1], e[2] * z[2]];
+    let sum = w[0] + w[1] + w[2];
+    [w[1], w[2], sum, sum * inverse_area]
 }
 
 /// Fills `frame` with what is visible of the triangles. `window` is [`super::project::project`]'s.
@@ -135,6 +184,7 @@ impl<'w> Frame<'w> {
 /// A pixel belongs to a triangle if its three edge functions at the pixel's integer coordinates
 /// are not negative (edges inclusive); of several the nearest wins. Back faces, triangles with a
 /// corner before the near plane and triangles without area are skipped.
+#[inline(always)]
 pub fn rasterize(triangles: Triangles<'_>, window: &[[f32; 4]], frame: &mut Frame<'_>) {
     frame.clear();
     frame.bound(window);
@@ -177,10 +227,12 @@ struct Chunk {
     x: [[f32; CHUNK]; 3],
     y: [[f32; CHUNK]; 3],
     z: [[f32; CHUNK]; 3],
-    /// First column and row, and the pixel there.
-    left: [f32; CHUNK],
-    top: [f32; CHUNK],
+    /// The first pixel of those a small triangle may cover; the triangle there, and how it
+    /// changes to the right and down.
     pixel: [u32; CHUNK],
+    first: [Point; CHUNK],
+    right: [Point; CHUNK],
+    down: [Point; CHUNK],
     /// Pixels that a small triangle covers: bit `SIDE·row + column`.
     covered: [u32; CHUNK],
     /// Not 0 for triangles that may be visible and are not small.
@@ -194,25 +246,27 @@ struct Step {
     pixels: u32,
 }
 
+#[inline(always)]
 fn draw<I: Index>(triangles: &[[I; 3]], window: &[[f32; 4]], frame: &mut Frame<'_>) {
     let steps: [Step; PIXELS] = core::array::from_fn(|bit| {
         let (x, y) = (bit % SIDE, bit / SIDE);
-        Step { x: x as f32, y: y as f32, pixels: (y * frame.width + x) as u32 }
+        Step { x: x as f32, y: y as f32, pixels: (y * LANES * frame.stride + x) as u32 }
     });
     let mut chunk = Chunk {
         x: [[0.0; CHUNK]; 3],
         y: [[0.0; CHUNK]; 3],
         z: [[0.0; CHUNK]; 3],
-        left: [0.0; CHUNK],
-        top: [0.0; CHUNK],
         pixel: [0; CHUNK],
+        first: [[0.0; 4]; CHUNK],
+        right: [[0.0; 4]; CHUNK],
+        down: [[0.0; 4]; CHUNK],
         covered: [0; CHUNK],
         large: [0; CHUNK],
     };
     let mut first = 0;
     for triangles in triangles.chunks(CHUNK) {
         chunk.gather(triangles, window);
-        let any_large = chunk.cover(frame.width, frame.height);
+        let any_large = chunk.cover(frame);
         for (group, &covered) in chunk.covered.as_chunks::<GROUP>().0.iter().enumerate() {
             let [a, b, c, d] = covered.map(u64::from);
             let mut rest = a | b << PIXELS | c << (2 * PIXELS) | d << (3 * PIXELS);
@@ -221,10 +275,11 @@ fn draw<I: Index>(triangles: &[[I; 3]], window: &[[f32; 4]], frame: &mut Frame<'
                 rest &= rest - 1;
                 let t = GROUP * group + bit / PIXELS;
                 let step = &steps[bit % PIXELS];
-                let [x, y, z] = chunk.corners(t);
-                let e = edges(x, y, [chunk.left[t] + step.x, chunk.top[t] + step.y]);
+                let (start, right, down) = (chunk.first[t], chunk.right[t], chunk.down[t]);
+                let point: Point =
+                    core::array::from_fn(|l| start[l] + step.x * right[l] + step.y * down[l]);
                 let pixel = chunk.pixel[t].wrapping_add(step.pixels) as usize;
-                frame.draw(pixel, first + t as u32, e, z);
+                frame.draw(pixel, first + t as u32, point);
             }
         }
         if any_large {
@@ -240,10 +295,15 @@ impl Chunk {
     /// Loads the corners of up to [`CHUNK`] triangles; lanes left over get triangles without area.
     #[inline(always)]
     fn gather<I: Index>(&mut self, triangles: &[[I; 3]], window: &[[f32; 4]]) {
-        for t in 0..CHUNK {
+        for first in (0..CHUNK).step_by(4) {
             for i in 0..3 {
-                let corner = triangles.get(t).map_or([0.0; 4], |t| window[t[i].index()]);
-                [self.x[i][t], self.y[i][t], self.z[i][t], _] = corner;
+                let corners = core::array::from_fn(|t| {
+                    triangles.get(first + t).map_or([0.0; 4], |t| window[t[i].index()])
+                });
+                let [x, y, z, _] = transpose(corners);
+                self.x[i][first..first + 4].copy_from_slice(&x);
+                self.y[i][first..first + 4].copy_from_slice(&y);
+                self.z[i][first..first + 4].copy_from_slice(&z);
             }
         }
     }
@@ -256,12 +316,11 @@ impl Chunk {
 
     /// First pass: fills the results. Tells whether any triangle is large.
     ///
-    /// One loop without branches, calls or exits, so that it is compiled for several lanes. (A
-    /// function of its own, so that nothing around it changes the compiler's mind.)
-    #[inline(never)]
-    fn cover(&mut self, width: usize, height: usize) -> bool {
-        let stride = width as u32;
-        let (width, height) = (width as f32, height as f32);
+    /// One loop without branches, calls or exits, so that it is compiled for several lanes.
+    #[inline(always)]
+    fn cover(&mut self, frame: &Frame<'_>) -> bool {
+        let stride = (LANES * frame.stride) as u32;
+        let (width, height) = (frame.width as f32, frame.height as f32);
         let mut any_large = 0;
         for t in 0..CHUNK {
             let [px, qx, rx] = [self.x[0][t], self.x[1][t], self.x[2][t]];
@@ -273,8 +332,6 @@ impl Chunk {
             let column = x0 + ALMOST_HALF + WHOLE;
             let row = y0 + ALMOST_HALF + WHOLE;
             let (left, top) = (column - WHOLE, row - WHOLE);
-            self.left[t] = left;
-            self.top[t] = top;
             let whole = |x: f32| x.to_bits().wrapping_sub(WHOLE.to_bits());
             self.pixel[t] = whole(row).wrapping_mul(stride).wrapping_add(whole(column));
 
@@ -305,6 +362,12 @@ impl Chunk {
                 | cover_row(e2, right) << (2 * SIDE)
                 | cover_row(e3, right) << (3 * SIDE);
             self.covered[t] = covered & front & small;
+
+            let z = [self.z[0][t], self.z[1][t], self.z[2][t]];
+            let inverse_area = 1.0 / area;
+            self.first[t] = point(e0, z, inverse_area);
+            self.right[t] = point(right, z, inverse_area);
+            self.down[t] = point(down, z, inverse_area);
         }
         any_large != 0
     }
@@ -338,7 +401,8 @@ fn draw_large(triangle: u32, [x, y, z]: [Corners; 3], frame: &mut Frame<'_>) {
         for column in range(x, frame.width) {
             let e = edges(x, y, [column as f32, row as f32]);
             if e.iter().all(|&e| e >= 0.0) {
-                frame.draw(row as usize * frame.width + column as usize, triangle, e, z);
+                let pixel = row as usize * LANES * frame.stride + column as usize;
+                frame.draw(pixel, triangle, point(e, z, 1.0 / (e[0] + e[1] + e[2])));
             }
         }
     }

@@ -1,47 +1,99 @@
-//! Albedo and normals to colours: spherical-harmonics light and the colour transform per vertex.
+//! Normals and albedo to colours, pixel by pixel: spherical-harmonics light and the colour
+//! transform.
 
+use super::LANES;
+use super::rasterize::Visible;
 use crate::light::{ModelLight, color_matrix};
-use crate::mesh::planes;
+use crate::math;
+use crate::mesh::{Index, transpose};
 use crate::scene::Scene;
 
-/// Vertices handled together; the loop over them has no branches and vectorises.
-const BATCH: usize = 8;
+/// One number per channel or axis, for the pixels of a chunk.
+pub type Planes = [[f32; LANES]; 3];
 
-/// Fills `shaded` with `[R, G, B, 0]` per vertex: `gain ∘ mix(albedo ∘ radiance(R·n)) + offset`.
-/// `normals` are unit vectors of the model's frame.
-pub fn shade(scene: &Scene, normals: &[f32], albedo: &[f32], shaded: &mut [[f32; 4]]) {
-    let light = ModelLight::new(&scene.light, &scene.pose.rotation());
-    let mix = color_matrix(&scene.color);
-    let offset = scene.color.offset;
-    let [nx, ny, nz] = planes(normals).map(|plane| plane.as_chunks::<BATCH>().0);
-    let [ar, ag, ab] = planes(albedo).map(|plane| plane.as_chunks::<BATCH>().0);
-    let batches = shaded
-        .as_chunks_mut::<BATCH>()
-        .0
-        .iter_mut()
-        .zip(nx.iter().zip(ny).zip(nz))
-        .zip(ar.iter().zip(ag).zip(ab));
-    for ((out, ((x, y), z)), ((r, g), b)) in batches {
-        let mut red = [0.0_f32; BATCH];
-        let mut green = [0.0_f32; BATCH];
-        let mut blue = [0.0_f32; BATCH];
-        for l in 0..BATCH {
-            let radiance = light.radiance([x[l], y[l], z[l]]);
-            let c = [r[l] * radiance[0], g[l] * radiance[1], b[l] * radiance[2]];
-            red[l] = mix[0][0] * c[0] + mix[0][1] * c[1] + mix[0][2] * c[2] + offset[0];
-            green[l] = mix[1][0] * c[0] + mix[1][1] * c[1] + mix[1][2] * c[2] + offset[1];
-            blue[l] = mix[2][0] * c[0] + mix[2][1] * c[1] + mix[2][2] * c[2] + offset[2];
+/// Light and colour transform of a scene, ready to be applied:
+/// `colour = M·(albedo ∘ radiance(n)) + offset`.
+#[derive(Clone, Copy, Debug)]
+pub struct Shader {
+    light: ModelLight,
+    mix: [[f32; 3]; 3],
+    offset: [f32; 3],
+}
+
+impl Shader {
+    /// Takes what it needs from a hypothesis.
+    pub fn new(scene: &Scene) -> Self {
+        Self {
+            light: ModelLight::new(&scene.light, &scene.pose.rotation()),
+            mix: color_matrix(&scene.color),
+            offset: scene.color.offset,
         }
-        for l in 0..BATCH {
-            out[l] = [red[l], green[l], blue[l], 0.0];
+    }
+
+    /// Colour of a surface with this unit normal (of the model's frame) and albedo.
+    #[inline(always)]
+    pub fn color(&self, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
+        let radiance = self.light.radiance(normal);
+        let [r, g, b] = [0, 1, 2].map(|c| albedo[c] * radiance[c]);
+        let m = &self.mix;
+        [0, 1, 2].map(|c| m[c][0] * r + m[c][1] * g + m[c][2] * b + self.offset[c])
+    }
+
+    /// Radiance at a unit normal of the model's frame.
+    pub fn radiance(&self, normal: [f32; 3]) -> [f32; 3] {
+        self.light.radiance(normal)
+    }
+}
+
+/// Where the pixels of a chunk are in the mesh.
+pub struct Places {
+    /// Corners of the visible triangles; any where nothing is visible.
+    corners: [[usize; 3]; LANES],
+    /// Their weights; zero where nothing is visible.
+    weights: [[f32; 3]; LANES],
+}
+
+impl Places {
+    /// Looks up the triangles.
+    #[inline(always)]
+    pub fn new<I: Index>(triangles: &[[I; 3]], (nearest, weights): Visible<'_>) -> Self {
+        let mut places = Self { corners: [[0; 3]; LANES], weights: [[0.0; 3]; LANES] };
+        for l in 0..LANES {
+            if let Some(corners) = triangles.get(nearest[l][1] as usize) {
+                let [w1, w2] = weights[l];
+                places.corners[l] = corners.map(Index::index);
+                places.weights[l] = [1.0 - w1 - w2, w1, w2];
+            }
+        }
+        places
+    }
+
+    /// Interpolates an attribute of the vertices.
+    #[inline(always)]
+    pub fn interpolate(&self, vertices: &[[f32; 4]], planes: &mut Planes) {
+        for first in (0..LANES).step_by(4) {
+            let pixels = core::array::from_fn(|l| {
+                let [p, q, r] = self.corners[first + l];
+                let [u, v, w] = self.weights[first + l];
+                let (p, q, r) = (vertices[p], vertices[q], vertices[r]);
+                core::array::from_fn(|i| u * p[i] + v * q[i] + w * r[i])
+            });
+            let axes = transpose(pixels);
+            for (plane, axis) in planes.iter_mut().zip(axes) {
+                plane[first..first + 4].copy_from_slice(&axis);
+            }
         }
     }
 }
 
-/// Interpolates a vertex attribute inside a triangle: weight `1 − w₁ − w₂` for the first corner.
-#[inline]
-pub fn interpolate(values: &[[f32; 4]], corners: [u32; 3], [w1, w2]: [f32; 2]) -> [f32; 4] {
-    let [a, b, c] = corners.map(|v| values[v as usize]);
-    let w0 = 1.0 - w1 - w2;
-    core::array::from_fn(|l| w0 * a[l] + w1 * b[l] + w2 * c[l])
+/// The same vectors with length one; zero stays zero.
+#[inline(always)]
+pub fn normalize([mut x, mut y, mut z]: Planes) -> Planes {
+    for l in 0..LANES {
+        let k = math::rsqrt(x[l] * x[l] + y[l] * y[l] + z[l] * z[l]);
+        x[l] *= k;
+        y[l] *= k;
+        z[l] *= k;
+    }
+    [x, y, z]
 }

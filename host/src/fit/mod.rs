@@ -6,6 +6,7 @@ pub mod output;
 use crate::error::{Error, Result};
 use crate::photo::Crop;
 use crate::picture::Picture;
+use crate::simd;
 use crate::tlms::Tlms;
 use checkpoint::{ChainSave, Identity, Save};
 use onescan_core::chain::{
@@ -146,6 +147,7 @@ impl Job<'_> {
             image: Image { pixels: &picture.rgb, width: picture.width, height: picture.height },
             landmarks: &positions,
             config: &self.config,
+            engine: simd::best(),
         };
         let chains = self.chains.max(1) as usize;
         let saves: Vec<Option<ChainSave>> = match resume {

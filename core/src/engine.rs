@@ -1,0 +1,64 @@
+//! The stages where a step spends its time, as values.
+//!
+//! Whoever knows the processor better than the compiler of this crate may hand the chain the same
+//! functions compiled again for wider vectors. They are inlined into their callers for that
+//! purpose, and their bits do not depend on the vector's width: every sum has the shape written in
+//! the source.
+
+use crate::basis::Basis;
+use crate::chain::{NormalEquations, add_normal_equations};
+use crate::likelihood::pixels::{self, Coverage, Stale, Surface, Target};
+use crate::mesh;
+use crate::model::Triangles;
+use crate::render::project;
+use crate::render::rasterize::{self, Frame};
+use crate::render::shade::{Planes, Shader};
+use crate::scene::Scene;
+use core::fmt;
+
+/// Four numbers of a vertex.
+pub type Quad = [f32; 4];
+
+/// Implementations of the stages. All of them compute the same.
+pub struct Engine {
+    /// What compiled it.
+    pub name: &'static str,
+    /// [`Basis::instance`].
+    pub instance: fn(&Basis<'_>, &[f32], &mut [Quad]),
+    /// [`mesh::vertex_normals`].
+    pub normals: fn(Triangles<'_>, &[Quad], &mut [Quad]),
+    /// [`project::project`].
+    pub project: fn(&Scene, &[Quad], &mut [Quad]),
+    /// [`rasterize::rasterize`].
+    pub rasterize: fn(Triangles<'_>, &[Quad], &mut Frame<'_>),
+    /// [`Coverage::of`].
+    pub coverage: fn(&Frame<'_>, &Target<'_>) -> Coverage,
+    /// [`pixels::residual`].
+    pub residual: Residual,
+    /// [`add_normal_equations`].
+    pub normal_equations: NormalEquations,
+}
+
+/// Type of [`pixels::residual`].
+pub type Residual =
+    fn(&Surface<'_, '_>, Stale, [&mut [Planes]; 2], &Shader, &Target<'_>, f64) -> Option<f64>;
+
+impl Engine {
+    /// As this crate is compiled.
+    pub const PORTABLE: Self = Self {
+        name: "portable",
+        instance: |basis, coefficients, vertices| basis.instance(coefficients, vertices),
+        normals: mesh::vertex_normals,
+        project: project::project,
+        rasterize: rasterize::rasterize,
+        coverage: Coverage::of,
+        residual: pixels::residual,
+        normal_equations: add_normal_equations,
+    };
+}
+
+impl fmt::Debug for Engine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name)
+    }
+}

@@ -1,0 +1,121 @@
+//! The core's stages compiled for wider vectors than every processor has, and the choice between
+//! them at run time. The bits are the same whatever is chosen.
+
+use onescan_core::engine::Engine;
+
+/// Compiles every stage for the given target features.
+#[cfg(target_arch = "x86_64")]
+macro_rules! engine {
+    ($module:ident, $features:literal) => {
+        mod $module {
+            use onescan_core::basis::Basis;
+            use onescan_core::chain::add_normal_equations;
+            use onescan_core::engine::Engine;
+            use onescan_core::likelihood::pixels::{self, Coverage, Stale, Surface, Target};
+            use onescan_core::mesh;
+            use onescan_core::model::Triangles;
+            use onescan_core::render::LANES;
+            use onescan_core::render::project;
+            use onescan_core::render::rasterize::{self, Frame};
+            use onescan_core::render::shade::{Planes, Shader};
+            use onescan_core::scene::Scene;
+
+            /// Only for processors that have the features.
+            pub(super) static ENGINE: Engine = Engine {
+                name: $features,
+                // SAFETY, for all: `best` hands this engine out only where it has detected the
+                // features.
+                instance: |basis, coefficients, vertices| unsafe {
+                    instance(basis, coefficients, vertices);
+                },
+                normals: |triangles, positions, normals| unsafe {
+                    vertex_normals(triangles, positions, normals);
+                },
+                project: |scene, positions, window| unsafe { project(scene, positions, window) },
+                rasterize: |triangles, window, frame| unsafe {
+                    rasterize(triangles, window, frame);
+                },
+                coverage: |frame, target| unsafe { coverage(frame, target) },
+                residual: |surface, stale, pixels, shader, target, limit| unsafe {
+                    residual(surface, stale, pixels, shader, target, limit)
+                },
+                normal_equations: |batch, equations, matrix, vector| unsafe {
+                    normal_equations(batch, equations, matrix, vector);
+                },
+            };
+
+            #[target_feature(enable = $features)]
+            fn instance(basis: &Basis<'_>, coefficients: &[f32], vertices: &mut [[f32; 4]]) {
+                basis.instance(coefficients, vertices);
+            }
+
+            #[target_feature(enable = $features)]
+            fn vertex_normals(
+                triangles: Triangles<'_>,
+                positions: &[[f32; 4]],
+                normals: &mut [[f32; 4]],
+            ) {
+                mesh::vertex_normals(triangles, positions, normals);
+            }
+
+            #[target_feature(enable = $features)]
+            fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
+                project::project(scene, positions, window);
+            }
+
+            #[target_feature(enable = $features)]
+            fn rasterize(triangles: Triangles<'_>, window: &[[f32; 4]], frame: &mut Frame<'_>) {
+                rasterize::rasterize(triangles, window, frame);
+            }
+
+            #[target_feature(enable = $features)]
+            fn coverage(frame: &Frame<'_>, target: &Target<'_>) -> Coverage {
+                Coverage::of(frame, target)
+            }
+
+            #[target_feature(enable = $features)]
+            fn residual(
+                surface: &Surface<'_, '_>,
+                stale: Stale,
+                pixels: [&mut [Planes]; 2],
+                shader: &Shader,
+                target: &Target<'_>,
+                limit: f64,
+            ) -> Option<f64> {
+                pixels::residual(surface, stale, pixels, shader, target, limit)
+            }
+
+            #[target_feature(enable = $features)]
+            fn normal_equations(
+                batch: &[[f32; LANES]],
+                equations: &[(f32, f32)],
+                matrix: &mut [[f32; LANES]],
+                vector: &mut [f32],
+            ) {
+                add_normal_equations(batch, equations, matrix, vector);
+            }
+        }
+    };
+}
+
+#[cfg(target_arch = "x86_64")]
+engine!(avx2, "avx2");
+
+/// The fastest engine for this processor.
+pub fn best() -> &'static Engine {
+    all().last().copied().unwrap_or(&Engine::PORTABLE)
+}
+
+/// The engines this processor can run, the fastest last.
+pub fn all() -> Vec<&'static Engine> {
+    #[allow(unused_mut)]
+    let mut engines = vec![&Engine::PORTABLE];
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::is_x86_feature_detected as has;
+        if has!("avx2") {
+            engines.push(&avx2::ENGINE);
+        }
+    }
+    engines
+}
