@@ -72,11 +72,6 @@ impl<'w> Carver<'w> {
         Some(bytemuck::cast_slice_mut(self.words(count)?))
     }
 
-    /// The next `count` pairs of numbers.
-    pub fn pairs(&mut self, count: usize) -> Option<&'w mut [[f32; 2]]> {
-        Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(2)?)?))
-    }
-
     /// The next `count` quadruples of numbers.
     pub fn quads(&mut self, count: usize) -> Option<&'w mut [[f32; 4]]> {
         Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(4)?)?))

@@ -623,10 +623,10 @@ impl Traffic {
         let instance = self.basis + self.quads;
         let normals = 2.0 * self.quads + self.triangles;
         let project = 2.0 * self.quads;
-        let rasterize = self.triangles + self.quads + (16.0 + 8.0 + 4.0) * self.covered;
+        let rasterize = self.triangles + self.quads + (2.0 * 16.0 + 4.0) * self.covered;
         let normal = (16.0 + 12.0) * self.covered + self.quads + self.triangles;
         let albedo = 12.0 * self.covered + self.quads;
-        let compare = (8.0 + 3.0 * 12.0) * self.covered;
+        let compare = 3.0 * 12.0 * self.covered;
         let total = run.shape * (instance + normals)
             + run.albedo * (instance + albedo + 16.0 * self.covered + self.triangles)
             + run.geometry * (project + rasterize + normal + albedo)

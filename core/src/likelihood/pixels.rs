@@ -8,7 +8,7 @@ use super::{LN_2PI, background};
 use crate::math;
 use crate::mesh::Index;
 use crate::model::Triangles;
-use crate::render::rasterize::{Frame, NONE};
+use crate::render::rasterize::Frame;
 use crate::render::shade::{self, Places, Planes, Shader};
 use crate::render::{LANES, chunks};
 use crate::workspace::Carver;
@@ -88,18 +88,16 @@ impl Coverage {
     pub fn of(frame: &Frame<'_>, target: &Target<'_>) -> Self {
         let mut coverage = Self::default();
         for y in frame.rows() {
-            let (mut sums, mut counts) = ([0.0_f32; LANES], [0_u32; LANES]);
+            let mut sums = [0.0_f32; LANES];
             for index in frame.row(y) {
-                let (nearest, _) = frame.chunk(index);
+                let covered = frame.covered(index);
                 let Some(ln_background) = target.ln_background.get(index) else { continue };
                 for l in 0..LANES {
-                    let covered = nearest[l][1] != NONE;
-                    sums[l] += if covered { ln_background[l] } else { 0.0 };
-                    counts[l] += u32::from(covered);
+                    sums[l] += if covered >> l & 1 != 0 { ln_background[l] } else { 0.0 };
                 }
+                coverage.pixels += covered.count_ones() as usize;
             }
             coverage.ln_background += f64::from(sum(sums));
-            coverage.pixels += counts.iter().sum::<u32>() as usize;
         }
         coverage
     }
@@ -183,13 +181,14 @@ fn residual_of<I: Index>(
         // in wide vectors.
         if stale != Stale::Nothing {
             for index in frame.row(y) {
-                let (visible, normals, albedo) =
-                    (frame.chunk(index), normals.get_mut(index), albedo.get_mut(index));
-                let (Some(normals), Some(albedo)) = (normals, albedo) else { continue };
-                if is_empty(visible.0) {
+                let (Some(normals), Some(albedo)) = (normals.get_mut(index), albedo.get_mut(index))
+                else {
+                    continue;
+                };
+                if frame.covered(index) == 0 {
                     continue;
                 }
-                let places = Places::new(triangles, visible);
+                let places = Places::new(triangles, frame.chunk(index));
                 if stale == Stale::Everything {
                     places.interpolate(vertices[0], normals);
                 }
@@ -198,13 +197,13 @@ fn residual_of<I: Index>(
         }
         let mut sums = [0.0_f32; LANES];
         for index in frame.row(y) {
-            let (nearest, _) = frame.chunk(index);
+            let covered = frame.covered(index);
             let (Some(normals), Some(albedo), Some(observed)) =
                 (normals.get_mut(index), albedo.get(index), target.colors.get(index))
             else {
                 continue;
             };
-            if is_empty(nearest) {
+            if covered == 0 {
                 continue;
             }
             if stale == Stale::Everything {
@@ -213,7 +212,7 @@ fn residual_of<I: Index>(
             // Values, not references: what does not overlap needs no proof of it.
             let squares = differences(*normals, *albedo, shader, *observed);
             for l in 0..LANES {
-                sums[l] += if nearest[l][1] == NONE { 0.0 } else { squares[l] };
+                sums[l] += if covered >> l & 1 != 0 { squares[l] } else { 0.0 };
             }
         }
         residual += f64::from(sum(sums));
@@ -222,12 +221,6 @@ fn residual_of<I: Index>(
         }
     }
     (residual <= limit).then_some(residual)
-}
-
-/// Whether nothing is visible in a chunk.
-#[inline(always)]
-fn is_empty(nearest: &[[u32; 2]; LANES]) -> bool {
-    nearest.iter().all(|[_, triangle]| *triangle == NONE)
 }
 
 /// Squared differences of a chunk's colours from the picture's.

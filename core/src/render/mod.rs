@@ -95,7 +95,7 @@ fn fill<I: Index>(
             let n = shade::normalize(n);
             let x = index * LANES % (width.div_ceil(LANES) * LANES);
             for (l, pixel) in row.iter_mut().skip(x).take(LANES).enumerate() {
-                if visible.0[l][1] != rasterize::NONE {
+                if frame.covered(index) >> l & 1 != 0 {
                     *pixel = shader.color([n[0][l], n[1][l], n[2][l]], [a[0][l], a[1][l], a[2][l]]);
                     covered += 1;
                 }

@@ -23,10 +23,18 @@ use crate::workspace::Carver;
 use core::ops::Range;
 
 /// The triangle of a pixel that nothing covers: past the end of any model's.
-pub const NONE: u32 = u32::MAX;
+const NONE: u32 = u32::MAX;
 
-/// Inverse distance and triangle of a pixel where nothing is visible.
-const EMPTY: [u32; 2] = [0, NONE];
+/// A pixel where nothing is visible.
+const EMPTY: Pixel = [0, NONE, 0, 0];
+
+/// Inverse distance of the visible surface (the bits of an f32; 0 where nothing is), index of the
+/// visible triangle ([`NONE`] where nothing is), and the bits of the perspective-correct weights
+/// of the triangle's second and third corner: all that drawing reads and writes, in one place.
+type Pixel = [u32; 4];
+
+/// [`LANES`] pixels of a row.
+pub type Visible = [Pixel; LANES];
 
 /// What is visible at every pixel.
 pub struct Frame<'w> {
@@ -34,11 +42,9 @@ pub struct Frame<'w> {
     height: usize,
     /// Chunks of pixels per row.
     stride: usize,
-    /// Inverse distance of the visible surface (the bits of an f32; 0 where nothing is) and index
-    /// of the visible triangle ([`NONE`] where nothing is), next to each other in memory.
-    nearest: &'w mut [[[u32; 2]; LANES]],
-    /// Perspective-correct weights of the triangle's second and third corner.
-    weights: &'w mut [[[f32; 2]; LANES]],
+    pixels: &'w mut [Visible],
+    /// Bit `l` says whether pixel `l` of a chunk is covered.
+    covered: &'w mut [u32],
     /// Rows and columns that may be covered.
     rows: Range<usize>,
     columns: Range<usize>,
@@ -46,7 +52,7 @@ pub struct Frame<'w> {
 
 /// Words of memory a [`Frame`] needs.
 pub const fn frame_words(width: usize, height: usize) -> usize {
-    4 * LANES * chunks(width, height)
+    (4 * LANES + 1) * chunks(width, height)
 }
 
 /// What is visible at a pixel.
@@ -62,21 +68,26 @@ pub struct Hit {
     pub weights: [f32; 2],
 }
 
-/// Triangles of [`LANES`] pixels, and the weights of their second and third corners.
-pub type Visible<'s> = (&'s [[u32; 2]; LANES], &'s [[f32; 2]; LANES]);
+/// Triangle of a pixel, and the weights of its second and third corner.
+#[inline(always)]
+pub fn triangle([_, triangle, w1, w2]: Pixel) -> (usize, [f32; 2]) {
+    (triangle as usize, [f32::from_bits(w1), f32::from_bits(w2)])
+}
 
 impl<'w> Frame<'w> {
     /// Takes a frame's memory; `None` if there is too little. Nothing is visible in it.
     pub fn carve(carver: &mut Carver<'w>, width: usize, height: usize) -> Option<Self> {
-        let count = LANES * chunks(width, height);
-        let (nearest, _) = carver.words(2 * count)?.as_chunks_mut();
-        nearest.fill(EMPTY);
+        let count = chunks(width, height);
+        let pixels = carver.words(4 * LANES * count)?.as_chunks_mut().0.as_chunks_mut().0;
+        let covered = carver.words(count)?;
+        pixels.fill([EMPTY; LANES]);
+        covered.fill(0);
         Some(Self {
             width,
             height,
             stride: chunks(width, 1),
-            nearest: nearest.as_chunks_mut().0,
-            weights: carver.pairs(count)?.as_chunks_mut().0,
+            pixels,
+            covered,
             rows: 0..0,
             columns: 0..0,
         })
@@ -104,21 +115,22 @@ impl<'w> Frame<'w> {
     /// and the weights of the triangle's second and third corner.
     pub fn hit(&self, x: usize, y: usize) -> Option<Hit> {
         let (chunk, lane) = (y * self.stride + x / LANES, x % LANES);
-        let (nearest, weights) = self.chunk(chunk);
-        let triangle = nearest[lane][1] as usize;
-        let hit = Hit { chunk, lane, triangle, weights: weights[lane] };
-        (x < self.width && nearest[lane] != EMPTY).then_some(hit)
+        let pixel = self.pixels.get(chunk)?[lane];
+        let (triangle, weights) = triangle(pixel);
+        let hit = Hit { chunk, lane, triangle, weights };
+        (x < self.width && pixel != EMPTY).then_some(hit)
     }
 
-    /// `[inverse distance's bits, triangle]` and the weights of the triangle's second and third
-    /// corner, for the pixels of a chunk; nothing past the end.
+    /// Which pixels of a chunk are covered, one bit each; none past the end.
     #[inline(always)]
-    pub fn chunk(&self, index: usize) -> Visible<'_> {
-        const NOTHING: Visible<'_> = (&[EMPTY; LANES], &[[0.0; 2]; LANES]);
-        match (self.nearest.get(index), self.weights.get(index)) {
-            (Some(nearest), Some(weights)) => (nearest, weights),
-            _ => NOTHING,
-        }
+    pub fn covered(&self, index: usize) -> u32 {
+        self.covered.get(index).copied().unwrap_or(0)
+    }
+
+    /// The pixels of a chunk; nothing visible past the end.
+    #[inline(always)]
+    pub fn chunk(&self, index: usize) -> &Visible {
+        self.pixels.get(index).unwrap_or(&[EMPTY; LANES])
     }
 
     /// Forgets everything visible; cost follows what may have been covered.
@@ -126,7 +138,22 @@ impl<'w> Frame<'w> {
     fn clear(&mut self) {
         for y in self.rows() {
             let row = self.row(y);
-            self.nearest[row].fill([EMPTY; LANES]);
+            self.pixels[row.clone()].fill([EMPTY; LANES]);
+            self.covered[row].fill(0);
+        }
+    }
+
+    /// Notes which pixels are covered.
+    #[inline(always)]
+    fn note(&mut self) {
+        for y in self.rows() {
+            let row = self.row(y);
+            for (pixels, covered) in self.pixels[row.clone()].iter().zip(&mut self.covered[row]) {
+                *covered = 0;
+                for (l, [_, triangle, ..]) in pixels.iter().enumerate() {
+                    *covered |= u32::from(*triangle != NONE) << l;
+                }
+            }
         }
     }
 
@@ -154,13 +181,11 @@ impl<'w> Frame<'w> {
     /// Draws one pixel of a triangle, unless something nearer is there.
     #[inline(always)]
     fn draw(&mut self, pixel: usize, triangle: u32, [second, third, sum, inverse]: Point) {
-        if let Some(nearest) = self.nearest.as_flattened_mut().get_mut(pixel)
-            && let Some(weights) = self.weights.as_flattened_mut().get_mut(pixel)
-            && inverse > f32::from_bits(nearest[0])
+        if let Some(pixel) = self.pixels.as_flattened_mut().get_mut(pixel)
+            && inverse > f32::from_bits(pixel[0])
         {
             let k = 1.0 / sum;
-            *nearest = [inverse.to_bits(), triangle];
-            *weights = [second * k, third * k];
+            *pixel = [inverse.to_bits(), triangle, (second * k).to_bits(), (third * k).to_bits()];
         }
     }
 }
@@ -192,6 +217,7 @@ pub fn rasterize(triangles: Triangles<'_>, window: &[[f32; 4]], frame: &mut Fram
         Triangles::U16(t) => draw(t, window, frame),
         Triangles::U32(t) => draw(t, window, frame),
     }
+    frame.note();
 }
 
 /// One number of each corner of a triangle.

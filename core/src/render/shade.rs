@@ -2,7 +2,7 @@
 //! transform.
 
 use super::LANES;
-use super::rasterize::Visible;
+use super::rasterize::{self, Visible};
 use crate::light::{ModelLight, color_matrix};
 use crate::math;
 use crate::mesh::{Index, transpose};
@@ -48,7 +48,7 @@ impl Shader {
 /// Where the pixels of a chunk are in the mesh.
 pub struct Places {
     /// Corners of the visible triangles; any where nothing is visible.
-    corners: [[usize; 3]; LANES],
+    corners: [[u32; 3]; LANES],
     /// Their weights; zero where nothing is visible.
     weights: [[f32; 3]; LANES],
 }
@@ -56,12 +56,12 @@ pub struct Places {
 impl Places {
     /// Looks up the triangles.
     #[inline(always)]
-    pub fn new<I: Index>(triangles: &[[I; 3]], (nearest, weights): Visible<'_>) -> Self {
+    pub fn new<I: Index>(triangles: &[[I; 3]], visible: &Visible) -> Self {
         let mut places = Self { corners: [[0; 3]; LANES], weights: [[0.0; 3]; LANES] };
-        for l in 0..LANES {
-            if let Some(corners) = triangles.get(nearest[l][1] as usize) {
-                let [w1, w2] = weights[l];
-                places.corners[l] = corners.map(Index::index);
+        for (l, pixel) in visible.iter().enumerate() {
+            let (triangle, [w1, w2]) = rasterize::triangle(*pixel);
+            if let Some(corners) = triangles.get(triangle) {
+                places.corners[l] = corners.map(|v| v.index() as u32);
                 places.weights[l] = [1.0 - w1 - w2, w1, w2];
             }
         }
@@ -71,16 +71,18 @@ impl Places {
     /// Interpolates an attribute of the vertices.
     #[inline(always)]
     pub fn interpolate(&self, vertices: &[[f32; 4]], planes: &mut Planes) {
-        for first in (0..LANES).step_by(4) {
-            let pixels = core::array::from_fn(|l| {
-                let [p, q, r] = self.corners[first + l];
-                let [u, v, w] = self.weights[first + l];
-                let (p, q, r) = (vertices[p], vertices[q], vertices[r]);
-                core::array::from_fn(|i| u * p[i] + v * q[i] + w * r[i])
-            });
-            let axes = transpose(pixels);
-            for (plane, axis) in planes.iter_mut().zip(axes) {
-                plane[first..first + 4].copy_from_slice(&axis);
+        // In memory between two loops: the first is one vector per pixel, not three numbers.
+        let mut pixels = [[0.0_f32; 4]; LANES];
+        for (pixel, (corners, weights)) in
+            pixels.iter_mut().zip(self.corners.iter().zip(&self.weights))
+        {
+            let [p, q, r] = corners.map(|v| vertices[v as usize]);
+            let [u, v, w] = weights;
+            *pixel = core::array::from_fn(|i| u * p[i] + v * q[i] + w * r[i]);
+        }
+        for (group, pixels) in pixels.as_chunks::<4>().0.iter().enumerate() {
+            for (plane, axis) in planes.iter_mut().zip(transpose(*pixels)) {
+                plane[4 * group..4 * group + 4].copy_from_slice(&axis);
             }
         }
     }
