@@ -83,6 +83,25 @@ impl<'a> Basis<'a> {
         }
     }
 
+    /// Fills `components` with the first components at a vertex, each scaled by its standard
+    /// deviation.
+    ///
+    /// # Panics
+    /// If the vertex or the number of components is out of range.
+    pub fn at(&self, vertex: usize, components: &mut [[f32; 3]]) {
+        let rank = self.rank();
+        let blocks = self.mean.len() / 3;
+        let (block, lane) = (vertex / LANES, vertex % LANES);
+        let [x, y, z] = [0, 1, 2].map(|axis| {
+            let start = (axis * blocks + block) * rank;
+            &self.columns[start..start + components.len()]
+        });
+        let columns = x.iter().zip(y).zip(z).zip(self.quantum);
+        for (out, (((x, y), z), quantum)) in components.iter_mut().zip(columns) {
+            *out = [x, y, z].map(|column| quantum * f32::from(column[lane]));
+        }
+    }
+
     /// What coefficient `c` of component `k` adds to one field entry.
     ///
     /// # Panics
@@ -90,13 +109,5 @@ impl<'a> Basis<'a> {
     pub fn term(&self, entry: usize, k: usize, c: f32) -> f32 {
         let column = &self.columns[entry / LANES * self.rank() + k];
         c * self.quantum[k] * f32::from(column[entry % LANES])
-    }
-
-    /// Component `k` at one field entry, scaled by its standard deviation.
-    ///
-    /// # Panics
-    /// If `entry` or `k` is out of range.
-    pub fn entry(&self, entry: usize, k: usize) -> f32 {
-        self.term(entry, k, 1.0)
     }
 }

@@ -7,7 +7,7 @@
 
 use crate::basis::Basis;
 use crate::chain::{NormalEquations, add_normal_equations};
-use crate::likelihood::pixels::{self, Coverage, Stale, Surface, Target};
+use crate::likelihood::pixels::{self, Coverage, Known, Surface, Target};
 use crate::mesh;
 use crate::model::Triangles;
 use crate::render::project;
@@ -33,6 +33,8 @@ pub struct Engine {
     pub rasterize: fn(Triangles<'_>, &[Quad], &mut Frame<'_>),
     /// [`Coverage::of`].
     pub coverage: fn(&Frame<'_>, &Target<'_>) -> Coverage,
+    /// [`pixels::interpolate`].
+    pub interpolate: fn(&Surface<'_, '_>, Option<&mut [Planes]>, &mut [Planes]),
     /// [`pixels::residual`].
     pub residual: Residual,
     /// [`add_normal_equations`].
@@ -40,8 +42,7 @@ pub struct Engine {
 }
 
 /// Type of [`pixels::residual`].
-pub type Residual =
-    fn(&Surface<'_, '_>, Stale, [&mut [Planes]; 2], &Shader, &Target<'_>, f64) -> Option<f64>;
+pub type Residual = fn(&Surface<'_, '_>, Known<'_>, &Shader, &Target<'_>, f64) -> Option<f64>;
 
 impl Engine {
     /// As this crate is compiled.
@@ -52,6 +53,7 @@ impl Engine {
         project: project::project,
         rasterize: rasterize::rasterize,
         coverage: Coverage::of,
+        interpolate: pixels::interpolate,
         residual: pixels::residual,
         normal_equations: add_normal_equations,
     };

@@ -32,6 +32,9 @@ pub(crate) fn transpose(rows: [[f32; 4]; 4]) -> [[f32; 4]; 4] {
     core::array::from_fn(|i| rows.map(|row| row[i]))
 }
 
+/// Vertices normalised together.
+const BATCH: usize = 32;
+
 /// Fills `normals` with the unit vertex normals of `positions`, in the same frame; four numbers
 /// per vertex, the last zero.
 #[inline(always)]
@@ -41,8 +44,8 @@ pub fn vertex_normals(triangles: Triangles<'_>, positions: &[[f32; 4]], normals:
         Triangles::U16(t) => sum_face_normals(t, positions, normals),
         Triangles::U32(t) => sum_face_normals(t, positions, normals),
     }
-    for normals in normals.as_chunks_mut::<CHUNK>().0 {
-        let mut lengths = [0.0_f32; CHUNK];
+    for normals in normals.as_chunks_mut::<BATCH>().0 {
+        let mut lengths = [0.0_f32; BATCH];
         for (k, [a, b, c, _]) in lengths.iter_mut().zip(&*normals) {
             *k = math::rsqrt(a * a + b * b + c * c);
         }
@@ -52,22 +55,63 @@ pub fn vertex_normals(triangles: Triangles<'_>, positions: &[[f32; 4]], normals:
     }
 }
 
-/// Faces handled together: gather, a loop without branches, which vectorises, and scatter.
-const CHUNK: usize = 32;
+/// One number of every corner of [`CHUNK`] triangles, `[corner][triangle]`.
+pub(crate) type Corners = [[f32; CHUNK]; 3];
+
+/// Triangles handled together: enough that what one loop stores has arrived when the next loads it
+/// in wide vectors, few enough for the fastest cache.
+pub(crate) const CHUNK: usize = 64;
+
+/// Triangles in chunks.
+pub(crate) struct Chunks<'t, I> {
+    whole: &'t [[[I; 3]; CHUNK]],
+    /// What is left, filled up with triangles without area.
+    last: Option<[[I; 3]; CHUNK]>,
+}
+
+impl<'t, I: Index> Chunks<'t, I> {
+    #[inline(always)]
+    pub(crate) fn new(triangles: &'t [[I; 3]]) -> Self {
+        let (whole, rest) = triangles.as_chunks();
+        let last = rest.first().map(|[corner, ..]| {
+            let mut last = [[*corner; 3]; CHUNK];
+            last[..rest.len()].copy_from_slice(rest);
+            last
+        });
+        Self { whole, last }
+    }
+
+    #[inline(always)]
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &[[I; 3]; CHUNK]> {
+        self.whole.iter().chain(&self.last)
+    }
+}
+
+/// The first three numbers of the triangles' corners.
+#[inline(always)]
+pub(crate) fn gather<I: Index>(
+    triangles: &[[I; 3]; CHUNK],
+    vertices: &[[f32; 4]],
+    [x, y, z]: [&mut Corners; 3],
+) {
+    for (group, four) in triangles.as_chunks::<4>().0.iter().enumerate() {
+        let lanes = 4 * group..4 * group + 4;
+        for i in 0..3 {
+            let [a, b, c, _] = transpose(four.each_ref().map(|t| vertices[t[i].index()]));
+            x[i][lanes.clone()].copy_from_slice(&a);
+            y[i][lanes.clone()].copy_from_slice(&b);
+            z[i][lanes.clone()].copy_from_slice(&c);
+        }
+    }
+}
 
 /// Adds every face's unit normal to its three corners.
 #[inline(always)]
 fn sum_face_normals<I: Index>(triangles: &[[I; 3]], positions: &[[f32; 4]], sums: &mut [[f32; 4]]) {
-    // `[axis][corner][face]`; faces past the end of the last chunk are of no consequence.
-    let mut p = [[[0.0_f32; CHUNK]; 3]; 3];
+    let [mut x, mut y, mut z] = [[[0.0; CHUNK]; 3]; 3];
     let mut normals = [[0.0_f32; CHUNK]; 3];
-    for faces in triangles.chunks(CHUNK) {
-        for (t, face) in faces.iter().enumerate().take(CHUNK) {
-            for i in 0..3 {
-                [p[0][i][t], p[1][i][t], p[2][i][t], _] = positions[face[i].index()];
-            }
-        }
-        let [x, y, z] = &p;
+    for faces in Chunks::new(triangles).iter() {
+        gather(faces, positions, [&mut x, &mut y, &mut z]);
         for t in 0..CHUNK {
             let e1 = [x[1][t] - x[0][t], y[1][t] - y[0][t], z[1][t] - z[0][t]];
             let e2 = [x[2][t] - x[0][t], y[2][t] - y[0][t], z[2][t] - z[0][t]];
@@ -81,12 +125,13 @@ fn sum_face_normals<I: Index>(triangles: &[[I; 3]], positions: &[[f32; 4]], sums
                 normals[axis][t] = n[axis] * k;
             }
         }
-        for (t, face) in faces.iter().enumerate().take(CHUNK) {
-            let normal = [normals[0][t], normals[1][t], normals[2][t], 0.0];
-            for corner in face {
-                let sum = &mut sums[corner.index()];
-                for l in 0..4 {
-                    sum[l] += normal[l];
+        for (group, four) in faces.as_chunks::<4>().0.iter().enumerate() {
+            let four_of = |axis: usize| core::array::from_fn(|t| normals[axis][4 * group + t]);
+            let rows = transpose([four_of(0), four_of(1), four_of(2), [0.0; 4]]);
+            for (face, normal) in four.iter().zip(rows) {
+                for corner in face {
+                    let sum = &mut sums[corner.index()];
+                    *sum = core::array::from_fn(|l| sum[l] + normal[l]);
                 }
             }
         }

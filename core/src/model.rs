@@ -28,6 +28,7 @@
 
 use crate::basis::{Basis, LANES, padded};
 use crate::hash;
+use crate::render::rasterize::MAX_TRIANGLES;
 use core::fmt;
 
 /// First eight bytes of a model; like PNG's, they catch text-mode damage.
@@ -251,7 +252,7 @@ impl<'a> Model<'a> {
         let albedo = header.basis(vertices, Section::AlbedoMean, header.u32(40), 64)?;
 
         let count = header.u32(32) as usize;
-        if count == 0 {
+        if count == 0 || count > MAX_TRIANGLES {
             return Err(ModelError::Header { offset: 32 });
         }
         let bad_triangle =

@@ -8,6 +8,7 @@ use crate::likelihood::pixels::ln_normaliser;
 use crate::math;
 use crate::model::Model;
 use crate::render::rasterize::Frame;
+use crate::render::shade::{self, Attributes};
 use crate::scene::{Camera, Scene};
 
 fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
@@ -77,13 +78,13 @@ pub fn color(scene: &Scene, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
 }
 
 /// Twin of [`crate::likelihood::pixels::residual`]'s shading: every visible pixel of a frame with
-/// its own interpolated, normalised normal and albedo, in double precision. `vertices` are normals
-/// and albedo, `pixels` the rows of the picture.
+/// its own interpolated, normalised normal and albedo, in double precision. `pixels` are the rows of
+/// the picture.
 pub fn shade(
     model: &Model<'_>,
     scene: &Scene,
     frame: &Frame<'_>,
-    vertices: [&[[f32; 4]]; 2],
+    vertices: &[Attributes],
     pixels: &mut [[f32; 3]],
 ) {
     let width = scene.camera.image_size[0] as usize;
@@ -92,7 +93,9 @@ pub fn shade(
         let Some(corners) = model.triangles.get(hit.triangle) else { continue };
         let [b, c] = hit.weights.map(f64::from);
         let weights = [1.0 - b - c, b, c];
-        let [normal, albedo] = vertices.map(|v| blend(weights, corners.map(|i| v[i as usize])));
+        let corners = corners.map(|i| vertices[i as usize]);
+        let normal = blend(weights, corners.map(shade::normal_of));
+        let albedo = blend(weights, corners.map(shade::albedo_of));
         *pixel = color(scene, normalize(normal).map(|x| x as f32), albedo.map(|x| x as f32));
     }
 }

@@ -6,7 +6,7 @@ use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::landmarks;
 use crate::likelihood::pixels::{planes_words, target_words};
 use crate::render::rasterize::frame_words;
-use crate::render::shade::Planes;
+use crate::render::shade::{Attributes, Planes};
 
 /// The sizes that determine a chain's memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,14 +29,16 @@ impl Dimensions {
     /// Words (`u32`) of memory [`Chain::new`](crate::chain::Chain::new) takes.
     ///
     /// Two slots (the current and the proposed state's) of positions, normals and albedo per
-    /// vertex, and of what is visible per pixel with its normal and albedo; window coordinates;
+    /// vertex, and of what is visible per pixel; its normal and albedo; window coordinates;
     /// the target picture; the landmarks' rows of the basis; the search moves' normal equations.
     pub const fn words(&self) -> usize {
         let Self { width, height, .. } = *self;
         let vertices = 4 * padded(self.vertices);
-        let slot = 3 * vertices + frame_words(width, height) + 2 * planes_words(width, height);
+        // A vertex has a position and, twice as long, its attributes.
+        let slot = 3 * vertices + frame_words(width, height);
         let rest = 2 * slot
             + vertices
+            + 2 * planes_words(width, height)
             + landmarks::rows_words(self.landmarks, self.shape_rank)
             + search_words(self.shape_rank, self.albedo_rank);
         // The background histogram is needed once, before the rest is.
@@ -77,6 +79,11 @@ impl<'w> Carver<'w> {
         Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(4)?)?))
     }
 
+    /// The attributes of the next `count` vertices.
+    pub fn attributes(&mut self, count: usize) -> Option<&'w mut [Attributes]> {
+        Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(8)?)?))
+    }
+
     /// The next three numbers per pixel of a picture, chunk by chunk.
     pub fn planes(&mut self, width: usize, height: usize) -> Option<&'w mut [Planes]> {
         let (planes, _) = self.floats(planes_words(width, height))?.as_chunks_mut();
@@ -109,6 +116,12 @@ impl<T> Slots<T> {
     /// [`Slots::pick`], to write into.
     pub(crate) fn pick_mut(&mut self, proposed: bool) -> &mut T {
         &mut self.pair[self.current ^ usize::from(proposed)]
+    }
+
+    /// The current buffer, and the one to compute a proposal in.
+    pub(crate) fn both(&mut self) -> (&T, &mut T) {
+        let [a, b] = &mut self.pair;
+        if self.current == 0 { (a, b) } else { (b, a) }
     }
 
     /// The buffer to compute a proposal in.

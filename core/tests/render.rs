@@ -7,15 +7,15 @@ use common::{ModelBytes, mask};
 use onescan_core::basis::padded;
 use onescan_core::likelihood::background::HISTOGRAM_LEN;
 use onescan_core::likelihood::pixels::{
-    Coverage, Stale, Surface, Target, planes_words, residual, target_words,
+    Coverage, Known, Surface, Target, interpolate, planes_words, residual, target_words,
 };
 use onescan_core::mesh::vertex_normals;
 use onescan_core::model::{Model, Triangles};
 use onescan_core::naive;
 use onescan_core::render::project::project;
 use onescan_core::render::rasterize::{Frame, frame_words, rasterize};
-use onescan_core::render::shade::Shader;
-use onescan_core::render::{draw, draw_words};
+use onescan_core::render::shade::{Shader, join};
+use onescan_core::render::{LANES, draw, draw_words};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 use onescan_core::workspace::Carver;
@@ -237,24 +237,31 @@ fn image_likelihood_is_the_twins_and_a_floor_changes_no_decision() {
         project(scene, &instance.positions, &mut window);
         rasterize(model.triangles, &window, &mut frame);
         let coverage = Coverage::of(&frame, &target);
-        let vertices = [&instance.normals[..], &instance.albedo];
-        let surface = Surface { frame: &frame, triangles: model.triangles, vertices };
+        let mut vertices = vec![[0.0; 8]; padded(model.vertices())];
+        join(instance.normals.iter().copied(), instance.albedo.iter().copied(), &mut vertices);
+        let surface = Surface { frame: &frame, triangles: model.triangles, vertices: &vertices };
         let shader = Shader::new(scene);
-        let mut differ = |stale, limit| {
-            let pixels = [&mut *normals, &mut *albedo];
-            residual(&surface, stale, pixels, &shader, &target, limit)
-        };
-        let whole = differ(Stale::Everything, f64::INFINITY).expect("nothing is above ∞");
+        let differ = |known, limit| residual(&surface, known, &shader, &target, limit);
+        let whole = differ(Known::default(), f64::INFINITY).expect("nothing is above ∞");
         let fast = coverage.ln_likelihood(whole, SD);
         assert_eq!(coverage.pixels, covered.iter().filter(|&&c| c > 0.0).count());
         assert!((fast - slow).abs() < 1e-5 * slow.abs().max(1e4), "{fast} is not {slow}");
 
-        for stale in [Stale::Nothing, Stale::Albedo, Stale::Everything] {
-            assert_eq!(differ(stale, f64::INFINITY), Some(whole), "{stale:?}");
+        interpolate(&surface, Some(normals), albedo);
+        let mut again = vec![[[f32::NAN; LANES]; 3]; albedo.len()];
+        interpolate(&surface, None, &mut again);
+        let (normals, albedo) = (Some(&*normals), Some(&*albedo));
+        let everything = Known { normals, albedo };
+        for known in [
+            Known { albedo: None, ..everything },
+            everything,
+            Known { normals, albedo: Some(&again) },
+        ] {
+            assert_eq!(differ(known, f64::INFINITY), Some(whole));
         }
         for step in [-1e5, -1e3, -1.0, -1e-3, 1e-3, 1.0, 1e3, 1e5] {
             let limit = coverage.limit(fast + step, SD);
-            assert_eq!(differ(Stale::Nothing, limit), (step < 0.0).then_some(whole), "{step}");
+            assert_eq!(differ(everything, limit), (step < 0.0).then_some(whole), "{step}");
         }
     });
 }

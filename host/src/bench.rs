@@ -16,12 +16,12 @@ use onescan_core::basis::{field_len, padded};
 use onescan_core::chain::{self, Chain, Config, Image, Observation, Problem};
 use onescan_core::engine::Engine;
 use onescan_core::likelihood::background::HISTOGRAM_LEN;
-use onescan_core::likelihood::pixels::{Stale, Surface, Target, planes_words, target_words};
+use onescan_core::likelihood::pixels::{Known, Surface, Target, planes_words, target_words};
 use onescan_core::model::{Model, Triangles};
 use onescan_core::naive;
 use onescan_core::proposal::Touched;
 use onescan_core::render::rasterize::{Frame, frame_words};
-use onescan_core::render::shade::{Planes, Shader};
+use onescan_core::render::shade::{self, Attributes, Planes, Shader};
 use onescan_core::render::{draw, draw_words};
 use onescan_core::rng::Rng;
 use onescan_core::scene::{Coefficients, Scene};
@@ -191,14 +191,32 @@ struct Buffers {
     positions: Vec<[f32; 4]>,
     normals: Vec<[f32; 4]>,
     albedo: Vec<[f32; 4]>,
+    attributes: Vec<Attributes>,
     window: Vec<[f32; 4]>,
 }
 
 impl Buffers {
     fn new(vertices: usize) -> Self {
         let quads = || vec![[0.0; 4]; padded(vertices)];
-        Self { positions: quads(), normals: quads(), albedo: quads(), window: quads() }
+        let attributes = vec![[0.0; 8]; padded(vertices)];
+        Self { positions: quads(), normals: quads(), albedo: quads(), attributes, window: quads() }
     }
+
+    fn join(&mut self) {
+        shade::join(
+            self.normals.iter().copied(),
+            self.albedo.iter().copied(),
+            &mut self.attributes,
+        );
+    }
+}
+
+fn surface<'s, 'w>(
+    frame: &'s Frame<'w>,
+    model: &Model<'s>,
+    buffers: &'s Buffers,
+) -> Surface<'s, 'w> {
+    Surface { frame, triangles: model.triangles, vertices: &buffers.attributes }
 }
 
 /// The stages and their naive twins on the workload's truth, each repeatable by itself: its input
@@ -210,7 +228,8 @@ pub struct Stages<'w> {
     sd: f32,
     fast: Buffers,
     frame: Frame<'w>,
-    attributes: [&'w mut [Planes]; 2],
+    normals: &'w mut [Planes],
+    albedo: &'w mut [Planes],
     target: Target<'w>,
     slow: Buffers,
     depth: Vec<f32>,
@@ -240,10 +259,9 @@ impl<'w> Stages<'w> {
         let mut carve = || {
             let target = Target::carve(&mut carver, rgb, width)?;
             let frame = Frame::carve(&mut carver, width, height)?;
-            let attributes = [carver.planes(width, height)?, carver.planes(width, height)?];
-            Some((target, frame, attributes))
+            Some((target, frame, carver.planes(width, height)?, carver.planes(width, height)?))
         };
-        let (target, frame, attributes) =
+        let (target, frame, normals, albedo) =
             carve().ok_or_else(|| Error::new("too little memory for the stages"))?;
         let mut stages = Self {
             engine: simd::best(),
@@ -251,7 +269,8 @@ impl<'w> Stages<'w> {
             sd: Config::default().pixel_sd,
             fast: Buffers::new(model.vertices()),
             frame,
-            attributes,
+            normals,
+            albedo,
             target,
             slow: Buffers::new(model.vertices()),
             depth: vec![0.0; width * height],
@@ -263,7 +282,13 @@ impl<'w> Stages<'w> {
             stages.run(stage);
             stages.run_naive(stage);
         }
+        stages.interpolate();
         Ok(stages)
+    }
+
+    fn interpolate(&mut self) {
+        let surface = surface(&self.frame, &self.model, &self.fast);
+        (self.engine.interpolate)(&surface, Some(self.normals), self.albedo);
     }
 
     /// Runs a stage.
@@ -278,7 +303,7 @@ impl<'w> Stages<'w> {
             Stage::Project => (engine.project)(scene, &b.positions, &mut b.window),
             Stage::Rasterize => (engine.rasterize)(model.triangles, &b.window, &mut self.frame),
             Stage::Shade => {
-                black_box(self.residual(Stale::Everything));
+                black_box(self.residual(Known::default()));
             }
             Stage::Draw => {
                 self.run(Stage::Project);
@@ -289,27 +314,24 @@ impl<'w> Stages<'w> {
                 (engine.instance)(&model.albedo, &scene.albedo, &mut b.albedo);
                 self.run(Stage::Instance);
                 self.run(Stage::Normals);
+                self.fast.join();
                 self.run(Stage::Draw);
             }
             Stage::Likelihood => {
                 let coverage = (engine.coverage)(&self.frame, &self.target);
-                let residual = self.residual(Stale::Nothing).unwrap_or(0.0);
+                let known = Known { normals: Some(self.normals), albedo: Some(self.albedo) };
+                let residual = self.residual(known);
                 black_box(coverage.ln_likelihood(residual, self.sd));
             }
         }
         black_box(self);
     }
 
-    fn residual(&mut self, stale: Stale) -> Option<f64> {
-        let surface = Surface {
-            frame: &self.frame,
-            triangles: self.model.triangles,
-            vertices: [&self.fast.normals, &self.fast.albedo],
-        };
-        let [normals, albedo] = &mut self.attributes;
-        let shader = Shader::new(&self.workload.scene);
-        let pixels = [&mut **normals, &mut **albedo];
-        (self.engine.residual)(&surface, stale, pixels, &shader, &self.target, f64::INFINITY)
+    fn residual(&self, known: Known<'_>) -> f64 {
+        let (surface, shader) =
+            (surface(&self.frame, &self.model, &self.fast), Shader::new(&self.workload.scene));
+        let limit = f64::INFINITY;
+        (self.engine.residual)(&surface, known, &shader, &self.target, limit).unwrap_or(0.0)
     }
 
     /// Runs a stage's naive twin; `None` if it has none.
@@ -321,7 +343,7 @@ impl<'w> Stages<'w> {
             Stage::Project => naive::project(scene, &b.positions, &mut b.window),
             Stage::Rasterize => return None,
             Stage::Shade => {
-                let vertices = [&self.fast.normals[..], &self.fast.albedo];
+                let vertices = &self.fast.attributes;
                 naive::shade(model, scene, &self.frame, vertices, &mut self.pixels);
             }
             Stage::Draw => {

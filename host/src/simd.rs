@@ -11,7 +11,7 @@ macro_rules! engine {
             use onescan_core::basis::Basis;
             use onescan_core::chain::add_normal_equations;
             use onescan_core::engine::Engine;
-            use onescan_core::likelihood::pixels::{self, Coverage, Stale, Surface, Target};
+            use onescan_core::likelihood::pixels::{self, Coverage, Known, Surface, Target};
             use onescan_core::mesh;
             use onescan_core::model::Triangles;
             use onescan_core::render::LANES;
@@ -36,8 +36,11 @@ macro_rules! engine {
                     rasterize(triangles, window, frame);
                 },
                 coverage: |frame, target| unsafe { coverage(frame, target) },
-                residual: |surface, stale, pixels, shader, target, limit| unsafe {
-                    residual(surface, stale, pixels, shader, target, limit)
+                interpolate: |surface, normals, albedo| unsafe {
+                    interpolate(surface, normals, albedo);
+                },
+                residual: |surface, known, shader, target, limit| unsafe {
+                    residual(surface, known, shader, target, limit)
                 },
                 normal_equations: |batch, equations, matrix, vector| unsafe {
                     normal_equations(batch, equations, matrix, vector);
@@ -74,15 +77,23 @@ macro_rules! engine {
             }
 
             #[target_feature(enable = $features)]
+            fn interpolate(
+                surface: &Surface<'_, '_>,
+                normals: Option<&mut [Planes]>,
+                albedo: &mut [Planes],
+            ) {
+                pixels::interpolate(surface, normals, albedo);
+            }
+
+            #[target_feature(enable = $features)]
             fn residual(
                 surface: &Surface<'_, '_>,
-                stale: Stale,
-                pixels: [&mut [Planes]; 2],
+                known: Known<'_>,
                 shader: &Shader,
                 target: &Target<'_>,
                 limit: f64,
             ) -> Option<f64> {
-                pixels::residual(surface, stale, pixels, shader, target, limit)
+                pixels::residual(surface, known, shader, target, limit)
             }
 
             #[target_feature(enable = $features)]

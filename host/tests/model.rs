@@ -63,7 +63,7 @@ fn a_written_model_is_read_as_it_was_built() {
         }
         // Columns are eigenvectors times standard deviations: their norms are the latter.
         for (k, &variance) in basis.variance().iter().enumerate() {
-            let norm: f64 = (0..3 * plane).map(|i| f64::from(basis.entry(i, k)).powi(2)).sum();
+            let norm: f64 = (0..3 * plane).map(|i| f64::from(basis.term(i, k, 1.0)).powi(2)).sum();
             assert!((norm / f64::from(variance) - 1.0).abs() < 1e-5, "column {k}");
         }
     }

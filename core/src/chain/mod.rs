@@ -7,6 +7,7 @@
 //! three satisfies detailed balance for the product of the factors, and most bad proposals never
 //! cost a rendering. The correction of the proposal density belongs to the first test.
 
+mod normal_equations;
 mod pipeline;
 mod refine;
 
@@ -21,10 +22,10 @@ use crate::rng::Rng;
 use crate::scene::{MAX_RANK, Scene};
 use crate::workspace::{Carver, Dimensions};
 use core::fmt;
+pub use normal_equations::{NormalEquations, add_normal_equations};
 use pipeline::{Pipeline, Proposed};
 use refine::{Constraints, Search};
 pub(crate) use refine::{LandmarkSample, search_words};
-pub use refine::{NormalEquations, add_normal_equations};
 use serde::{Deserialize, Serialize};
 
 /// An 8-bit RGB picture, row by row from the top.
@@ -660,7 +661,8 @@ impl Surroundings for Around<'_, '_, '_> {
     }
 
     fn solve_light(&mut self, scene: &mut Scene, points: u32, rng: &mut Rng) -> Option<()> {
-        scene.light = self.pipeline.solve_light(scene, points, rng)?;
+        let triangles = self.problem.model.triangles;
+        scene.light = self.pipeline.solve_light(triangles, scene, points, rng)?;
         Some(())
     }
 

@@ -4,18 +4,25 @@ use super::Problem;
 use super::refine::{self, Constraints, Sample, Search, View};
 use crate::basis::padded;
 use crate::light::{self, LitPoint};
-use crate::likelihood::pixels::{Coverage, Stale, Surface, Target};
+use crate::likelihood::pixels::{Coverage, Known, Surface, Target};
 use crate::math;
 use crate::model::{Model, Triangles};
 use crate::proposal::Touched;
 use crate::render::rasterize::{Frame, Hit};
-use crate::render::shade::{Planes, Shader};
+use crate::render::shade::{self, Attributes, Planes, Shader};
 use crate::rng::Rng;
 use crate::scene::{Light, Scene};
 use crate::workspace::{Carver, Dimensions, Slots};
 
 type Quads<'w> = Slots<&'w mut [[f32; 4]]>;
-type PixelPlanes<'w> = Slots<&'w mut [Planes]>;
+
+/// What of the current state's attributes per pixel is out of date.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Stale {
+    Nothing,
+    Albedo,
+    Everything,
+}
 
 /// A hypothesis on its way to be the next state.
 pub(super) struct Proposed<'s, 'a> {
@@ -30,14 +37,17 @@ pub(super) struct Pipeline<'w> {
     target: Target<'w>,
     /// Per vertex.
     positions: Quads<'w>,
-    normals: Quads<'w>,
-    albedo: Quads<'w>,
+    attributes: Slots<&'w mut [Attributes]>,
+    /// Also where normals and albedo are made.
     window: &'w mut [[f32; 4]],
     /// Per pixel.
     frame: Slots<Frame<'w>>,
     coverage: Slots<Coverage>,
-    pixel_normals: PixelPlanes<'w>,
-    pixel_albedo: PixelPlanes<'w>,
+    /// Of the current state only, and brought up to date when a move of light or colour wants
+    /// them: most other moves are rejected.
+    pixel_normals: &'w mut [Planes],
+    pixel_albedo: &'w mut [Planes],
+    stale: Stale,
     width: usize,
     height: usize,
 }
@@ -52,25 +62,21 @@ impl<'w> Pipeline<'w> {
         let &Dimensions { vertices, width, height, .. } = dimensions;
         // First: while it is made, the target borrows memory the rest will have.
         let target = Target::carve(carver, pixels, width)?;
-        let mut quads = || {
-            let n = padded(vertices);
-            Some(Slots::new(carver.quads(n)?, carver.quads(n)?))
-        };
-        let (positions, normals, albedo) = (quads()?, quads()?, quads()?);
+        let n = padded(vertices);
+        let positions = Slots::new(carver.quads(n)?, carver.quads(n)?);
+        let attributes = Slots::new(carver.attributes(n)?, carver.attributes(n)?);
         let mut frame = || Frame::carve(carver, width, height);
         let frame = Slots::new(frame()?, frame()?);
-        let mut planes =
-            || Some(Slots::new(carver.planes(width, height)?, carver.planes(width, height)?));
         Some(Self {
             target,
             positions,
-            normals,
-            albedo,
+            attributes,
             frame,
             coverage: Slots::new(Coverage::default(), Coverage::default()),
-            pixel_normals: planes()?,
-            pixel_albedo: planes()?,
-            window: carver.quads(padded(vertices))?,
+            pixel_normals: carver.planes(width, height)?,
+            pixel_albedo: carver.planes(width, height)?,
+            stale: Stale::Everything,
+            window: carver.quads(n)?,
             width,
             height,
         })
@@ -82,10 +88,20 @@ impl<'w> Pipeline<'w> {
         if touched.shape {
             (engine.instance)(&model.shape, &scene.shape, self.positions.spare());
             let positions = self.positions.pick(true);
-            (engine.normals)(model.triangles, positions, self.normals.spare());
+            (engine.normals)(model.triangles, positions, self.window);
+            let (current, spare) = self.attributes.both();
+            let albedo = current.iter().copied().map(shade::albedo_of);
+            shade::join(self.window.iter().copied(), albedo, spare);
         }
         if touched.albedo {
-            (engine.instance)(&model.albedo, &scene.albedo, self.albedo.spare());
+            (engine.instance)(&model.albedo, &scene.albedo, self.window);
+            let (current, spare) = self.attributes.both();
+            if touched.shape {
+                shade::set_albedo(self.window, spare);
+            } else {
+                let normals = current.iter().copied().map(shade::normal_of);
+                shade::join(normals, self.window.iter().copied(), spare);
+            }
         }
         if touched.geometry {
             (engine.project)(scene, self.positions.pick(touched.shape), self.window);
@@ -108,17 +124,21 @@ impl<'w> Pipeline<'w> {
         let surface = Surface {
             frame: self.frame.pick(touched.geometry),
             triangles: model.triangles,
-            vertices: [self.normals.pick(touched.shape), self.albedo.pick(touched.albedo)],
+            vertices: self.attributes.pick(touched.shape || touched.albedo),
         };
-        let stale = match touched {
-            Touched { geometry: true, .. } => Stale::Everything,
-            Touched { albedo: true, .. } => Stale::Albedo,
-            _ => Stale::Nothing,
-        };
-        let normals = self.pixel_normals.pick_mut(stale == Stale::Everything);
-        let albedo = self.pixel_albedo.pick_mut(stale != Stale::Nothing);
-        let shader = Shader::new(scene);
-        (engine.residual)(&surface, stale, [normals, albedo], &shader, &self.target, limit)
+        let mut known = Known::default();
+        if touched == Touched::COLOR {
+            if self.stale > Stale::Nothing {
+                let normals = (self.stale == Stale::Everything).then_some(&mut *self.pixel_normals);
+                (engine.interpolate)(&surface, normals, self.pixel_albedo);
+                self.stale = Stale::Nothing;
+            }
+            known.albedo = Some(self.pixel_albedo);
+        }
+        if !touched.geometry && self.stale < Stale::Everything {
+            known.normals = Some(self.pixel_normals);
+        }
+        (engine.residual)(&surface, known, &Shader::new(scene), &self.target, limit)
     }
 
     /// Number of covered pixels and pixel error of what [`Pipeline::update`] computed.
@@ -132,30 +152,39 @@ impl<'w> Pipeline<'w> {
     pub(super) fn accept(&mut self, touched: Touched) {
         if touched.shape {
             self.positions.flip();
-            self.normals.flip();
         }
-        if touched.albedo {
-            self.albedo.flip();
+        if touched.shape || touched.albedo {
+            self.attributes.flip();
         }
         if touched.geometry {
             self.frame.flip();
             self.coverage.flip();
-            self.pixel_normals.flip();
+            self.stale = Stale::Everything;
         }
-        if touched.geometry || touched.albedo {
-            self.pixel_albedo.flip();
+        if touched.albedo {
+            self.stale = self.stale.max(Stale::Albedo);
         }
     }
 
     /// Closed-form light from randomly chosen visible pixels of the current state.
-    pub(super) fn solve_light(&self, scene: &Scene, points: u32, rng: &mut Rng) -> Option<Light> {
+    pub(super) fn solve_light(
+        &self,
+        triangles: Triangles<'_>,
+        scene: &Scene,
+        points: u32,
+        rng: &mut Rng,
+    ) -> Option<Light> {
         let rotation = scene.pose.rotation();
+        let vertices = self.attributes.get();
         let chosen = (0..points).filter_map(|_| {
             let ([x, y], hit) = self.visible_pixel(rng)?;
-            let at = |planes: &[Planes]| planes[hit.chunk].map(|plane| plane[hit.lane]);
-            let n = at(self.pixel_normals.get());
-            let normal = rotation.map(|r| r[0] * n[0] + r[1] * n[1] + r[2] * n[2]);
-            let albedo = at(self.pixel_albedo.get());
+            let [v, w] = hit.weights;
+            let [p, q, r] = triangles.get(hit.triangle)?.map(|i| vertices[i as usize]);
+            let at = |i: usize| (1.0 - v - w) * p[i] + v * q[i] + w * r[i];
+            let n = [at(0), at(1), at(2)];
+            let k = math::rsqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+            let normal = rotation.map(|r| k * (r[0] * n[0] + r[1] * n[1] + r[2] * n[2]));
+            let albedo = [at(4), at(5), at(6)];
             Some(LitPoint { albedo, normal, target: self.target.color(x, y) })
         });
         light::solve(chosen, &scene.color)
@@ -244,8 +273,9 @@ impl<'s, 'w> Visible<'s, 'w> {
         let vertex = self.triangles.get(hit.triangle)?[corner] as usize;
         let [u, v] = self.view.window(xyz(pipeline.positions.get()[vertex]));
         let (color, gradient) = self.picture(u, v)?;
-        let normal = xyz(pipeline.normals.get()[vertex]);
-        let albedo = xyz(pipeline.albedo.get()[vertex]);
+        let attributes = pipeline.attributes.get()[vertex];
+        let normal = xyz(shade::normal_of(attributes));
+        let albedo = xyz(shade::albedo_of(attributes));
         let model = self.shader.color(normal, albedo);
         let world = self.rotation.map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
         Some(Sample {

@@ -10,11 +10,11 @@
 //!
 //! The step is scaled by a random factor and judged by the chain's tests like any proposal.
 
-use crate::basis::{Basis, padded};
+use super::normal_equations::{NormalEquations, System, system_words};
+use crate::basis::Basis;
 use crate::light::color_matrix;
 use crate::likelihood::prior::Prior;
-use crate::render::LANES;
-use crate::scene::{PixelCamera, Pose, Scene};
+use crate::scene::{MAX_RANK, PixelCamera, Pose, Scene};
 
 /// Pose parameters refined together with the shape: rotation vector, translation in x and y, and
 /// the logarithms of the focal length and of the distance at constant size.
@@ -26,149 +26,6 @@ const LIGHT_PARAMETERS: usize = 27;
 pub(crate) const fn search_words(shape_rank: usize, albedo_rank: usize) -> usize {
     let (shape, albedo) = (shape_rank + POSE_PARAMETERS, albedo_rank + LIGHT_PARAMETERS);
     system_words(if shape > albedo { shape } else { albedo })
-}
-
-/// Equations that are added together, so that the matrix is read and written once for all of them.
-const BATCH: usize = 8;
-/// Words of memory [`System`] needs for `n` unknowns.
-const fn system_words(n: usize) -> usize {
-    (n + BATCH) * n.next_multiple_of(LANES) + 3 * n
-}
-
-/// A row's weight and what is on its right side.
-type Equation = (f32, f32);
-
-/// Normal equations `A δ = b` in the caller's memory.
-pub(super) struct System<'s> {
-    n: usize,
-    /// Row-major, rows padded; only the lower triangle (`j ≤ i`) is kept up.
-    a: &'s mut [[f32; LANES]],
-    b: &'s mut [f32],
-    /// Rows of a Jacobian waiting to be added, padded with zeros.
-    batch: &'s mut [[f32; LANES]],
-    waiting: heapless::Vec<Equation, BATCH>,
-    /// Two rows in the making.
-    rows: [&'s mut [f32]; 2],
-    normal_equations: NormalEquations,
-}
-
-/// Type of [`add_normal_equations`].
-pub type NormalEquations = fn(&[[f32; LANES]], &[Equation], &mut [[f32; LANES]], &mut [f32]);
-
-/// Adds `Σ w·rᵀr` to a matrix and `Σ w·r·y` to a vector for rows `r` with `(w, y)`. The matrix is
-/// row-major, a row per entry of the vector, and only its lower triangle is of consequence; rows
-/// of `batch` and matrix are equally long, in whole groups of lanes.
-#[inline(always)]
-pub fn add_normal_equations(
-    batch: &[[f32; LANES]],
-    equations: &[Equation],
-    matrix: &mut [[f32; LANES]],
-    vector: &mut [f32],
-) {
-    let stride = vector.len().div_ceil(LANES).max(1);
-    for (i, (row, b)) in matrix.chunks_exact_mut(stride).zip(vector).enumerate() {
-        let mut factors = [0.0; BATCH];
-        for ((factor, r), (weight, y)) in
-            factors.iter_mut().zip(batch.chunks_exact(stride)).zip(equations)
-        {
-            *factor = weight * r[i / LANES][i % LANES];
-            *b += *factor * y;
-        }
-        for (j, a) in row.iter_mut().enumerate().take(i / LANES + 1) {
-            let mut sum = *a;
-            for (factor, r) in factors.iter().zip(batch.chunks_exact(stride)) {
-                for l in 0..LANES {
-                    sum[l] += factor * r[j][l];
-                }
-            }
-            *a = sum;
-        }
-    }
-}
-
-impl<'s> System<'s> {
-    /// An empty system of `n` unknowns; `None` if the memory is shorter than [`system_words`].
-    pub(super) fn new(
-        n: usize,
-        normal_equations: NormalEquations,
-        memory: &'s mut [f32],
-    ) -> Option<Self> {
-        let memory = memory.get_mut(..system_words(n))?;
-        memory.fill(0.0);
-        let stride = n.next_multiple_of(LANES);
-        let (a, rest) = memory.split_at_mut(n * stride);
-        let (batch, rest) = rest.split_at_mut(BATCH * stride);
-        let (b, rest) = rest.split_at_mut(n);
-        let (first, second) = rest.split_at_mut(n);
-        Some(Self {
-            n,
-            a: a.as_chunks_mut().0,
-            b,
-            batch: batch.as_chunks_mut().0,
-            waiting: heapless::Vec::new(),
-            rows: [first, second],
-            normal_equations,
-        })
-    }
-
-    /// Adds a quadratic penalty `½ w (x + δ_i)²` on one unknown.
-    fn pull(&mut self, i: usize, weight: f32, x: f32) {
-        let n = self.n.next_multiple_of(LANES);
-        self.a.as_flattened_mut()[i * n + i] += weight;
-        self.b[i] -= weight * x;
-    }
-
-    /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
-    fn add(&mut self, which: usize, weight: f32, residual: f32) {
-        let start = self.waiting.len() * self.n.next_multiple_of(LANES);
-        let batch = &mut self.batch.as_flattened_mut()[start..];
-        batch[..self.n].copy_from_slice(self.rows[which]);
-        // There is room: the batch is emptied when full.
-        let _ = self.waiting.push((weight, residual));
-        if self.waiting.is_full() {
-            self.flush();
-        }
-    }
-
-    /// Adds the rows that wait.
-    fn flush(&mut self) {
-        let rest = self.waiting.len() * self.n.div_ceil(LANES);
-        self.batch[rest..].fill([0.0; LANES]);
-        (self.normal_equations)(self.batch, &self.waiting, self.a, self.b);
-        self.waiting.clear();
-    }
-
-    /// Solves by Cholesky's method, in place; `None` if the matrix is not positive definite.
-    fn solve(&mut self) -> Option<&[f32]> {
-        self.flush();
-        let (n, stride) = (self.n, self.n.next_multiple_of(LANES));
-        let (a, b) = (self.a.as_flattened_mut(), &mut *self.b);
-        for i in 0..n {
-            for j in 0..=i {
-                let (before, row) = a.split_at(i * stride);
-                let other = if i == j { row } else { &before[j * stride..] };
-                let dot: f32 = row[..j].iter().zip(&other[..j]).map(|(x, y)| x * y).sum();
-                let rest = a[i * stride + j] - dot;
-                a[i * stride + j] = if i == j {
-                    if !(rest > 0.0) {
-                        return None;
-                    }
-                    crate::math::sqrt(rest)
-                } else {
-                    rest / a[j * stride + j]
-                };
-            }
-        }
-        for i in 0..n {
-            let dot: f32 = (0..i).map(|j| a[i * stride + j] * b[j]).sum();
-            b[i] = (b[i] - dot) / a[i * stride + i];
-        }
-        for i in (0..n).rev() {
-            let dot: f32 = (i + 1..n).map(|j| a[j * stride + i] * b[j]).sum();
-            b[i] = (b[i] - dot) / a[i * stride + i];
-        }
-        b.iter().all(|x| x.is_finite()).then_some(self.b)
-    }
 }
 
 /// A visible vertex and what the picture shows there.
@@ -214,15 +71,15 @@ pub(super) fn albedo(
     let weight = represented / (sd * sd);
     let rank = scene.albedo.len();
     let mut system = System::new(rank + LIGHT_PARAMETERS, normal_equations, memory)?;
-    let plane = padded(basis.mean().len() / 3);
     let mix = color_matrix(&scene.color);
+    let mut components = [[0.0; 3]; MAX_RANK];
     for sample in samples {
+        basis.at(sample.vertex, &mut components[..rank]);
         for (mix, residual) in mix.iter().zip(sample.residual) {
             let (coefficients, light) = system.rows[0].split_at_mut(rank);
             let shading: [f32; 3] = core::array::from_fn(|c| mix[c] * sample.radiance[c]);
-            for (k, out) in coefficients.iter_mut().enumerate() {
-                let b = |c: usize| basis.entry(c * plane + sample.vertex, k);
-                *out = shading[0] * b(0) + shading[1] * b(1) + shading[2] * b(2);
+            for (out, b) in coefficients.iter_mut().zip(&components) {
+                *out = shading[0] * b[0] + shading[1] * b[1] + shading[2] * b[2];
             }
             for (out, y) in light.chunks_exact_mut(3).zip(sample.harmonics) {
                 for c in 0..3 {
@@ -275,29 +132,23 @@ impl View {
     }
 
     /// Fills two rows with the derivatives of `u` and `v` of a model point: first the shape
-    /// coefficients, whose basis at the point is `basis(k)`, then the pose parameters.
-    fn derivatives(
-        &self,
-        p: [f32; 3],
-        basis: impl Fn(usize) -> [f32; 3],
-        [du, dv]: [&mut [f32]; 2],
-    ) {
+    /// coefficients, whose components at the point are given, then the pose parameters.
+    fn derivatives(&self, p: [f32; 3], components: &[[f32; 3]], [du, dv]: [&mut [f32]; 2]) {
         let [x, y, z] = self.pose.to_world_by(&self.rotation, p);
         let [fx, fy] = self.pixel.focal;
         // u = c − f x / z, v = c + f y / z.
         let gu = [-fx / z, 0.0, fx * x / (z * z)];
         let gv = [0.0, fy / z, -fy * y / (z * z)];
-        let rank = du.len() - POSE_PARAMETERS;
+        let rank = components.len();
         let s = self.pose.scale;
         let turn = |g: [f32; 3]| {
             let r = &self.rotation;
             [0, 1, 2].map(|j| s * (g[0] * r[0][j] + g[1] * r[1][j] + g[2] * r[2][j]))
         };
         let (mu, mv) = (turn(gu), turn(gv));
-        for k in 0..rank {
-            let b = basis(k);
-            du[k] = mu[0] * b[0] + mu[1] * b[1] + mu[2] * b[2];
-            dv[k] = mv[0] * b[0] + mv[1] * b[1] + mv[2] * b[2];
+        for ((du, dv), b) in du.iter_mut().zip(&mut *dv).zip(components) {
+            *du = mu[0] * b[0] + mu[1] * b[1] + mu[2] * b[2];
+            *dv = mv[0] * b[0] + mv[1] * b[1] + mv[2] * b[2];
         }
         // Rotation about the object's origin: dX = ω × (X − t), so g·dX = ω·((X − t) × g).
         let t = self.pose.translation;
@@ -347,13 +198,13 @@ pub(super) fn shape(
     let weight = represented / (sd * sd);
     let rank = scene.shape.len();
     let mut system = System::new(rank + POSE_PARAMETERS, normal_equations, memory)?;
-    let plane = padded(basis.mean().len() / 3);
     let view = View::new(scene);
-    let at =
-        |vertex: usize| move |k: usize| [0, 1, 2].map(|axis| basis.entry(axis * plane + vertex, k));
+    let mut memory = [[0.0; 3]; MAX_RANK];
+    let components = &mut memory[..rank];
     for (position, sample) in samples {
+        basis.at(sample.vertex, components);
         let [du, dv] = &mut system.rows;
-        view.derivatives(position, at(sample.vertex), [du, dv]);
+        view.derivatives(position, components, [du, dv]);
         // Three channels, two directions: G = Σ g gᵀ = L Lᵀ gives two equations instead of three.
         let [gx, gy] = sample.gradient;
         let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -379,8 +230,9 @@ pub(super) fn shape(
     }
     let landmark_weight = 1.0 / (constraints.landmark_sd * constraints.landmark_sd);
     for landmark in constraints.landmarks {
+        basis.at(landmark.vertex, components);
         let [du, dv] = &mut system.rows;
-        view.derivatives(landmark.point, at(landmark.vertex), [du, dv]);
+        view.derivatives(landmark.point, components, [du, dv]);
         system.add(0, landmark_weight, landmark.residual[0]);
         system.add(1, landmark_weight, landmark.residual[1]);
     }

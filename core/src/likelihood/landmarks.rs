@@ -42,6 +42,7 @@ impl<'w> Landmarks<'w> {
         let rows = carver.floats(rows_words(observations.len(), rank))?;
         let rank = rank.min(model.shape.rank());
         let plane = crate::basis::padded(model.vertices());
+        let mean = model.shape.mean();
         let mut observed = heapless::Vec::new();
         for (row, &(vertex, position)) in rows.chunks_exact_mut(3 * (1 + rank)).zip(observations) {
             let vertex = vertex as usize;
@@ -49,18 +50,14 @@ impl<'w> Landmarks<'w> {
                 return None;
             }
             observed.push((vertex, position)).ok()?;
-            for axis in 0..3 {
-                let entry = axis * plane + vertex;
-                row[axis] = model.shape.mean()[entry];
-                for k in 0..rank {
-                    row[3 * (1 + k) + axis] = model.shape.entry(entry, k);
-                }
-            }
+            let (first, components) = row.split_at_mut(3);
+            first.copy_from_slice(&[0, 1, 2].map(|axis| mean[axis * plane + vertex]));
+            model.shape.at(vertex, components.as_chunks_mut().0);
         }
         Some(Self { rows, observed, rank, sd })
     }
 
-    /// Positions of the landmarks in the model's frame, bit for bit those of the whole instance.
+    /// Positions of the landmarks in the model's frame: the instance's, to rounding.
     pub fn points(&self, coefficients: &[f32]) -> Points {
         let mut points = Points::new();
         for row in self.rows.chunks_exact(3 * (1 + self.rank)) {

@@ -9,7 +9,7 @@ use crate::math;
 use crate::mesh::Index;
 use crate::model::Triangles;
 use crate::render::rasterize::Frame;
-use crate::render::shade::{self, Places, Planes, Shader};
+use crate::render::shade::{self, Attributes, Planes, Shader};
 use crate::render::{LANES, chunks};
 use crate::workspace::Carver;
 
@@ -124,95 +124,130 @@ impl Coverage {
     }
 }
 
-/// What of a surface's attributes per pixel is out of date.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stale {
-    /// Nothing: only light or colour transform have changed.
-    Nothing,
-    /// The albedo.
-    Albedo,
-    /// Normals and albedo.
-    Everything,
-}
-
 /// A visible surface.
 pub struct Surface<'s, 'w> {
     /// What is visible where.
     pub frame: &'s Frame<'w>,
     /// The mesh's faces.
     pub triangles: Triangles<'s>,
-    /// Unit normals (model frame) and albedo of the vertices.
-    pub vertices: [&'s [[f32; 4]]; 2],
+    /// The vertices' normals and albedo.
+    pub vertices: &'s [Attributes],
+}
+
+/// Normals and albedo of a surface at every pixel of the picture, as far as they are known.
+#[derive(Clone, Copy, Default)]
+pub struct Known<'s> {
+    /// Unit normals, model frame.
+    pub normals: Option<&'s [Planes]>,
+    /// Albedo.
+    pub albedo: Option<&'s [Planes]>,
+}
+
+/// Interpolates a surface's normals, if given a place for them, and its albedo.
+#[inline(always)]
+pub fn interpolate(
+    surface: &Surface<'_, '_>,
+    normals: Option<&mut [Planes]>,
+    albedo: &mut [Planes],
+) {
+    match surface.triangles {
+        Triangles::U16(t) => interpolate_of(t, surface, normals, albedo),
+        Triangles::U32(t) => interpolate_of(t, surface, normals, albedo),
+    }
+}
+
+#[inline(always)]
+fn interpolate_of<I: Index>(
+    triangles: &[[I; 3]],
+    &Surface { frame, vertices, .. }: &Surface<'_, '_>,
+    mut normals: Option<&mut [Planes]>,
+    albedo: &mut [Planes],
+) {
+    for index in frame.rows().flat_map(|y| frame.row(y)) {
+        let (Some(albedo), Some(visible)) = (albedo.get_mut(index), frame.chunk(index)) else {
+            continue;
+        };
+        if let Some(normals) = normals.as_deref_mut().and_then(|normals| normals.get_mut(index)) {
+            shade::interpolate::<_, 8>(triangles, visible, vertices, &mut [normals, albedo]);
+            *normals = shade::normalize(*normals);
+        } else {
+            shade::interpolate::<_, 4>(triangles, visible, vertices, &mut [albedo]);
+        }
+    }
 }
 
 /// Sum of squared colour differences between a surface and the picture over the covered pixels,
-/// all channels. `pixels` are its normals and albedo, whose `stale` part is computed on the way.
+/// all channels. What of the surface's attributes is not known is interpolated on the way.
 ///
 /// Gives up with `None` as soon as the sum is certain to exceed `limit`: differences only add up.
-/// Then some of `pixels` are still stale.
 #[inline(always)]
 pub fn residual(
     surface: &Surface<'_, '_>,
-    stale: Stale,
-    pixels: [&mut [Planes]; 2],
+    known: Known<'_>,
     shader: &Shader,
     target: &Target<'_>,
     limit: f64,
 ) -> Option<f64> {
     match surface.triangles {
-        Triangles::U16(t) => residual_of(t, surface, stale, pixels, shader, target, limit),
-        Triangles::U32(t) => residual_of(t, surface, stale, pixels, shader, target, limit),
+        Triangles::U16(t) => residual_of(t, surface, known, shader, target, limit),
+        Triangles::U32(t) => residual_of(t, surface, known, shader, target, limit),
     }
 }
+
+/// Chunks that are interpolated before they are shaded: enough that what is stored piecemeal has
+/// arrived when it is loaded in wide vectors.
+const BATCH: usize = 8;
 
 #[inline(always)]
 fn residual_of<I: Index>(
     triangles: &[[I; 3]],
     &Surface { frame, vertices, .. }: &Surface<'_, '_>,
-    stale: Stale,
-    [normals, albedo]: [&mut [Planes]; 2],
+    known: Known<'_>,
     shader: &Shader,
     target: &Target<'_>,
     limit: f64,
 ) -> Option<f64> {
     let mut residual = 0.0_f64;
+    let mut normals = [Planes::default(); BATCH];
+    let mut albedo = [Planes::default(); BATCH];
     for y in frame.rows() {
-        // A loop of its own: what is stored piecemeal here has arrived when the next loop loads it
-        // in wide vectors.
-        if stale != Stale::Nothing {
-            for index in frame.row(y) {
-                let (Some(normals), Some(albedo)) = (normals.get_mut(index), albedo.get_mut(index))
+        let row = frame.row(y);
+        let mut sums = [0.0_f32; LANES];
+        for first in row.clone().step_by(BATCH) {
+            let batch = || (first..row.end).take(BATCH).enumerate();
+            if known.albedo.is_none() {
+                for (i, index) in batch() {
+                    let Some(visible) = frame.chunk(index) else { continue };
+                    let albedo = &mut albedo[i];
+                    if known.normals.is_none() {
+                        let planes = &mut [&mut normals[i], albedo];
+                        shade::interpolate::<_, 8>(triangles, visible, vertices, planes);
+                    } else {
+                        shade::interpolate::<_, 4>(triangles, visible, vertices, &mut [albedo]);
+                    }
+                }
+            }
+            for (i, index) in batch() {
+                let (covered, Some(observed)) = (frame.covered(index), target.colors.get(index))
                 else {
                     continue;
                 };
-                if frame.covered(index) == 0 {
+                if covered == 0 {
                     continue;
                 }
-                let places = Places::new(triangles, frame.chunk(index));
-                if stale == Stale::Everything {
-                    places.interpolate(vertices[0], normals);
+                // Values, not references: what does not overlap needs no proof of it.
+                let n = match known.normals {
+                    Some(known) => known.get(index).copied().unwrap_or_default(),
+                    None => shade::normalize(normals[i]),
+                };
+                let a = match known.albedo {
+                    Some(known) => known.get(index).copied().unwrap_or_default(),
+                    None => albedo[i],
+                };
+                let squares = differences(n, a, shader, *observed);
+                for l in 0..LANES {
+                    sums[l] += if covered >> l & 1 != 0 { squares[l] } else { 0.0 };
                 }
-                places.interpolate(vertices[1], albedo);
-            }
-        }
-        let mut sums = [0.0_f32; LANES];
-        for index in frame.row(y) {
-            let covered = frame.covered(index);
-            let (Some(normals), Some(albedo), Some(observed)) =
-                (normals.get_mut(index), albedo.get(index), target.colors.get(index))
-            else {
-                continue;
-            };
-            if covered == 0 {
-                continue;
-            }
-            if stale == Stale::Everything {
-                *normals = shade::normalize(*normals);
-            }
-            // Values, not references: what does not overlap needs no proof of it.
-            let squares = differences(*normals, *albedo, shader, *observed);
-            for l in 0..LANES {
-                sums[l] += if covered >> l & 1 != 0 { squares[l] } else { 0.0 };
             }
         }
         residual += f64::from(sum(sums));

@@ -17,7 +17,7 @@ use crate::mesh::{self, Index};
 use crate::model::{Model, Triangles};
 use crate::scene::Scene;
 use rasterize::{Frame, frame_words};
-use shade::{Places, Planes, Shader};
+use shade::{Attributes, Shader};
 
 /// Pixels handled together.
 pub const LANES: usize = 16;
@@ -55,20 +55,25 @@ pub fn draw(
     }
     let mut carve = crate::workspace::Carver::new(memory);
     let positions = carve.quads(padded(vertices))?;
-    let normals = carve.quads(padded(vertices))?;
-    let albedo = carve.quads(padded(vertices))?;
+    let attributes = carve.attributes(padded(vertices))?;
     let window = carve.quads(padded(vertices))?;
     let mut frame = Frame::carve(&mut carve, width, height)?;
 
     model.shape.instance(&scene.shape, positions);
-    mesh::vertex_normals(model.triangles, positions, normals);
-    model.albedo.instance(&scene.albedo, albedo);
+    // Memory for the window coordinates, not needed before.
+    let quads = window;
+    mesh::vertex_normals(model.triangles, positions, quads);
+    let none = core::iter::repeat([0.0; 4]);
+    shade::join(quads.iter().copied(), none, attributes);
+    model.albedo.instance(&scene.albedo, quads);
+    shade::set_albedo(quads, attributes);
+    let window = quads;
     project::project(scene, positions, window);
     rasterize::rasterize(model.triangles, window, &mut frame);
     let shader = Shader::new(scene);
     Some(match model.triangles {
-        Triangles::U16(t) => fill(&frame, t, [normals, albedo], &shader, pixels, width),
-        Triangles::U32(t) => fill(&frame, t, [normals, albedo], &shader, pixels, width),
+        Triangles::U16(t) => fill(&frame, t, attributes, &shader, pixels, width),
+        Triangles::U32(t) => fill(&frame, t, attributes, &shader, pixels, width),
     })
 }
 
@@ -76,7 +81,7 @@ pub fn draw(
 fn fill<I: Index>(
     frame: &Frame<'_>,
     triangles: &[[I; 3]],
-    attributes: [&[[f32; 4]]; 2],
+    attributes: &[Attributes],
     shader: &Shader,
     pixels: Pixels<'_>,
     width: usize,
@@ -85,13 +90,9 @@ fn fill<I: Index>(
     for y in frame.rows() {
         let row = pixels.get_mut(y * width..(y + 1) * width).unwrap_or_default();
         for index in frame.row(y) {
-            let visible = frame.chunk(index);
-            let places = Places::new(triangles, visible);
-            let [n, a] = attributes.map(|vertices| {
-                let mut planes = Planes::default();
-                places.interpolate(vertices, &mut planes);
-                planes
-            });
+            let Some(visible) = frame.chunk(index) else { continue };
+            let (mut n, mut a) = Default::default();
+            shade::interpolate::<_, 8>(triangles, visible, attributes, &mut [&mut n, &mut a]);
             let n = shade::normalize(n);
             let x = index * LANES % (width.div_ceil(LANES) * LANES);
             for (l, pixel) in row.iter_mut().skip(x).take(LANES).enumerate() {

@@ -8,7 +8,7 @@
 //! The few triangles that need more than 4×4 pixels, or that leave the picture, are filled one
 //! by one.
 //!
-//! Visible surfaces are kept as (triangle, two weights) per pixel and not as colours, so that new
+//! Visible surfaces are kept as (triangle, parts of its corners) per pixel and not as colours, so that new
 //! colours need no new rasterization.
 //!
 //! There are no cracks: window coordinates lie on a 1/256 grid, so differences of coordinates are
@@ -17,21 +17,27 @@
 
 use super::{LANES, chunks};
 use crate::math::{self, less, more};
-use crate::mesh::{Index, transpose};
+use crate::mesh::{self, CHUNK, Index};
 use crate::model::Triangles;
 use crate::workspace::Carver;
 use core::ops::Range;
 
-/// The triangle of a pixel that nothing covers: past the end of any model's.
-const NONE: u32 = u32::MAX;
+/// A triangle at a pixel: the inverse distance of its surface there, the parts of it that come
+/// from the second and the third corner, and the triangle's number. A corner's part is its
+/// window-space weight times its inverse distance; over the whole it is the perspective-correct
+/// weight. The first three are linear in the window and the last is constant, so the way from
+/// pixel to pixel is one multiplication and addition of four lanes, and what it ends in is what
+/// the frame keeps.
+type Pixel = [f32; 4];
 
-/// A pixel where nothing is visible.
-const EMPTY: Pixel = [0, NONE, 0, 0];
+/// A pixel where nothing is visible: infinitely far.
+const EMPTY: Pixel = [0.0; 4];
 
-/// Inverse distance of the visible surface (the bits of an f32; 0 where nothing is), index of the
-/// visible triangle ([`NONE`] where nothing is), and the bits of the perspective-correct weights
-/// of the triangle's second and third corner: all that drawing reads and writes, in one place.
-type Pixel = [u32; 4];
+/// Added to a triangle's index it gives its number: a float whose low bits are the index.
+const NUMBER: u32 = 8_388_608.0_f32.to_bits();
+
+/// The most triangles a mesh may have: the indices a number has room for.
+pub const MAX_TRIANGLES: usize = 1 << 23;
 
 /// [`LANES`] pixels of a row.
 pub type Visible = [Pixel; LANES];
@@ -58,27 +64,24 @@ pub const fn frame_words(width: usize, height: usize) -> usize {
 /// What is visible at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// The pixel's chunk.
-    pub chunk: usize,
-    /// Its place in the chunk.
-    pub lane: usize,
     /// Index of the triangle.
     pub triangle: usize,
     /// Perspective-correct weights of its second and third corner.
     pub weights: [f32; 2],
 }
 
-/// Triangle of a pixel, and the weights of its second and third corner.
+/// Index of a pixel's triangle, and the perspective-correct weights of its second and third corner.
 #[inline(always)]
-pub fn triangle([_, triangle, w1, w2]: Pixel) -> (usize, [f32; 2]) {
-    (triangle as usize, [f32::from_bits(w1), f32::from_bits(w2)])
+pub fn triangle([inverse, second, third, number]: Pixel) -> (usize, [f32; 2]) {
+    let k = 1.0 / inverse;
+    (number.to_bits().wrapping_sub(NUMBER) as usize, [second * k, third * k])
 }
 
 impl<'w> Frame<'w> {
     /// Takes a frame's memory; `None` if there is too little. Nothing is visible in it.
     pub fn carve(carver: &mut Carver<'w>, width: usize, height: usize) -> Option<Self> {
         let count = chunks(width, height);
-        let pixels = carver.words(4 * LANES * count)?.as_chunks_mut().0.as_chunks_mut().0;
+        let pixels = carver.quads(LANES * count)?.as_chunks_mut().0;
         let covered = carver.words(count)?;
         pixels.fill([EMPTY; LANES]);
         covered.fill(0);
@@ -111,14 +114,11 @@ impl<'w> Frame<'w> {
         first + self.columns.start / LANES..first + self.columns.end.div_ceil(LANES)
     }
 
-    /// What is visible at column `x` of row `y`: the pixel's chunk, its place there, the triangle
-    /// and the weights of the triangle's second and third corner.
+    /// What is visible at column `x` of row `y`.
     pub fn hit(&self, x: usize, y: usize) -> Option<Hit> {
-        let (chunk, lane) = (y * self.stride + x / LANES, x % LANES);
-        let pixel = self.pixels.get(chunk)?[lane];
+        let pixel = self.pixels.get(y * self.stride + x / LANES)?[x % LANES];
         let (triangle, weights) = triangle(pixel);
-        let hit = Hit { chunk, lane, triangle, weights };
-        (x < self.width && pixel != EMPTY).then_some(hit)
+        (x < self.width && pixel != EMPTY).then_some(Hit { triangle, weights })
     }
 
     /// Which pixels of a chunk are covered, one bit each; none past the end.
@@ -127,10 +127,10 @@ impl<'w> Frame<'w> {
         self.covered.get(index).copied().unwrap_or(0)
     }
 
-    /// The pixels of a chunk; nothing visible past the end.
+    /// What is visible at the pixels of a chunk; `None` if nothing is.
     #[inline(always)]
-    pub fn chunk(&self, index: usize) -> &Visible {
-        self.pixels.get(index).unwrap_or(&[EMPTY; LANES])
+    pub fn chunk(&self, index: usize) -> Option<&Visible> {
+        if self.covered(index) == 0 { None } else { self.pixels.get(index) }
     }
 
     /// Forgets everything visible; cost follows what may have been covered.
@@ -150,8 +150,8 @@ impl<'w> Frame<'w> {
             let row = self.row(y);
             for (pixels, covered) in self.pixels[row.clone()].iter().zip(&mut self.covered[row]) {
                 *covered = 0;
-                for (l, [_, triangle, ..]) in pixels.iter().enumerate() {
-                    *covered |= u32::from(*triangle != NONE) << l;
+                for (l, [inverse, ..]) in pixels.iter().enumerate() {
+                    *covered |= u32::from(*inverse > 0.0) << l;
                 }
             }
         }
@@ -178,30 +178,29 @@ impl<'w> Frame<'w> {
         self.rows = range(1, self.height);
     }
 
-    /// Draws one pixel of a triangle, unless something nearer is there.
+    /// Draws a triangle at a pixel, unless something nearer is there.
     #[inline(always)]
-    fn draw(&mut self, pixel: usize, triangle: u32, [second, third, sum, inverse]: Point) {
-        if let Some(pixel) = self.pixels.as_flattened_mut().get_mut(pixel)
-            && inverse > f32::from_bits(pixel[0])
+    fn draw(&mut self, at: usize, triangle: Pixel) {
+        if let Some(pixel) = self.pixels.as_flattened_mut().get_mut(at)
+            && triangle[0] > pixel[0]
         {
-            let k = 1.0 / sum;
-            *pixel = [inverse.to_bits(), triangle, (second * k).to_bits(), (third * k).to_bits()];
+            *pixel = triangle;
         }
     }
 }
 
-/// A triangle at a point of the window: its edge functions times the corners' inverse distances,
-/// of the second and third corner and the sum of all three; and the point's inverse distance,
-/// which is that sum over the area. All four are linear in the window.
-type Point = [f32; 4];
-
-/// The triangle at the point where its edge functions are `e`, or its change along the way that
-/// changes them by `e`; `z` are the inverse distances of the corners.
+/// The triangle where its edge functions are `e`, without its number; or its change along the way
+/// that changes them by `e`. `z` are the inverse distances of the corners.
 #[inline(always)]
-fn point(e: [f32; 3], z: Corners, inverse_area: f32) -> Point {
+fn plane(e: [f32; 3], z: Corners, inverse_area: f32) -> [f32; 3] {
     let w = [e[0] * z[0], e[1] * z[1], e[2] * z[2]];
-    let sum = w[0] + w[1] + w[2];
-    [w[1], w[2], sum, sum * inverse_area]
+    [(w[0] + w[1] + w[2]) * inverse_area, w[1] * inverse_area, w[2] * inverse_area]
+}
+
+/// The number of a triangle.
+#[inline(always)]
+fn number(triangle: u32) -> f32 {
+    f32::from_bits(NUMBER.wrapping_add(triangle))
 }
 
 /// Fills `frame` with what is visible of the triangles. `window` is [`super::project::project`]'s.
@@ -232,9 +231,6 @@ fn edges([px, qx, rx]: Corners, [py, qy, ry]: Corners, [x, y]: [f32; 2]) -> [f32
     [qy * rx - qx * ry, ry * px - rx * py, py * qx - px * qy]
 }
 
-/// Triangles between the two passes: enough to keep the passes apart, few enough for the fastest
-/// cache.
-const CHUNK: usize = 64;
 /// Triangles whose pixels one loop visits: its end, which is a surprise, comes once for them all.
 const GROUP: usize = 4;
 /// Pixels along each side of what a small triangle may cover.
@@ -250,15 +246,15 @@ const ALMOST_HALF: f32 = 0.5 - 1.0 / 512.0;
 /// The first pass's input and results, one triangle per lane.
 struct Chunk {
     /// Window coordinates and inverse distances, `[corner][triangle]`.
-    x: [[f32; CHUNK]; 3],
-    y: [[f32; CHUNK]; 3],
-    z: [[f32; CHUNK]; 3],
+    x: mesh::Corners,
+    y: mesh::Corners,
+    z: mesh::Corners,
     /// The first pixel of those a small triangle may cover; the triangle there, and how it
     /// changes to the right and down.
     pixel: [u32; CHUNK],
-    first: [Point; CHUNK],
-    right: [Point; CHUNK],
-    down: [Point; CHUNK],
+    first: [Pixel; CHUNK],
+    right: [Pixel; CHUNK],
+    down: [Pixel; CHUNK],
     /// Pixels that a small triangle covers: bit `SIDE·row + column`.
     covered: [u32; CHUNK],
     /// Not 0 for triangles that may be visible and are not small.
@@ -267,8 +263,9 @@ struct Chunk {
 
 /// The way from a small triangle's first pixel to another.
 struct Step {
-    x: f32,
-    y: f32,
+    /// Columns and rows, in every lane.
+    x: Pixel,
+    y: Pixel,
     pixels: u32,
 }
 
@@ -276,7 +273,7 @@ struct Step {
 fn draw<I: Index>(triangles: &[[I; 3]], window: &[[f32; 4]], frame: &mut Frame<'_>) {
     let steps: [Step; PIXELS] = core::array::from_fn(|bit| {
         let (x, y) = (bit % SIDE, bit / SIDE);
-        Step { x: x as f32, y: y as f32, pixels: (y * LANES * frame.stride + x) as u32 }
+        Step { x: [x as f32; 4], y: [y as f32; 4], pixels: (y * LANES * frame.stride + x) as u32 }
     });
     let mut chunk = Chunk {
         x: [[0.0; CHUNK]; 3],
@@ -289,11 +286,25 @@ fn draw<I: Index>(triangles: &[[I; 3]], window: &[[f32; 4]], frame: &mut Frame<'
         covered: [0; CHUNK],
         large: [0; CHUNK],
     };
-    let mut first = 0;
-    for triangles in triangles.chunks(CHUNK) {
-        chunk.gather(triangles, window);
-        let any_large = chunk.cover(frame);
-        for (group, &covered) in chunk.covered.as_chunks::<GROUP>().0.iter().enumerate() {
+    for (i, triangles) in mesh::Chunks::new(triangles).iter().enumerate() {
+        chunk.draw((CHUNK * i) as u32, triangles, window, &steps, frame);
+    }
+}
+
+impl Chunk {
+    /// Draws triangles, the first of which has the index `first`.
+    #[inline(always)]
+    fn draw<I: Index>(
+        &mut self,
+        first: u32,
+        triangles: &[[I; 3]; CHUNK],
+        window: &[[f32; 4]],
+        steps: &[Step; PIXELS],
+        frame: &mut Frame<'_>,
+    ) {
+        mesh::gather(triangles, window, [&mut self.x, &mut self.y, &mut self.z]);
+        let any_large = self.cover(first, frame);
+        for (group, &covered) in self.covered.as_chunks::<GROUP>().0.iter().enumerate() {
             let [a, b, c, d] = covered.map(u64::from);
             let mut rest = a | b << PIXELS | c << (2 * PIXELS) | d << (3 * PIXELS);
             while rest != 0 {
@@ -301,35 +312,15 @@ fn draw<I: Index>(triangles: &[[I; 3]], window: &[[f32; 4]], frame: &mut Frame<'
                 rest &= rest - 1;
                 let t = GROUP * group + bit / PIXELS;
                 let step = &steps[bit % PIXELS];
-                let (start, right, down) = (chunk.first[t], chunk.right[t], chunk.down[t]);
-                let point: Point =
-                    core::array::from_fn(|l| start[l] + step.x * right[l] + step.y * down[l]);
-                let pixel = chunk.pixel[t].wrapping_add(step.pixels) as usize;
-                frame.draw(pixel, first + t as u32, point);
+                let (start, right, down) = (self.first[t], self.right[t], self.down[t]);
+                let pixel: Pixel =
+                    core::array::from_fn(|l| start[l] + step.x[l] * right[l] + step.y[l] * down[l]);
+                frame.draw(self.pixel[t].wrapping_add(step.pixels) as usize, pixel);
             }
         }
         if any_large {
-            for t in (0..CHUNK).filter(|&t| chunk.large[t] != 0) {
-                draw_large(first + t as u32, chunk.corners(t), frame);
-            }
-        }
-        first += CHUNK as u32;
-    }
-}
-
-impl Chunk {
-    /// Loads the corners of up to [`CHUNK`] triangles; lanes left over get triangles without area.
-    #[inline(always)]
-    fn gather<I: Index>(&mut self, triangles: &[[I; 3]], window: &[[f32; 4]]) {
-        for first in (0..CHUNK).step_by(4) {
-            for i in 0..3 {
-                let corners = core::array::from_fn(|t| {
-                    triangles.get(first + t).map_or([0.0; 4], |t| window[t[i].index()])
-                });
-                let [x, y, z, _] = transpose(corners);
-                self.x[i][first..first + 4].copy_from_slice(&x);
-                self.y[i][first..first + 4].copy_from_slice(&y);
-                self.z[i][first..first + 4].copy_from_slice(&z);
+            for t in (0..CHUNK).filter(|&t| self.large[t] != 0) {
+                draw_large(first + t as u32, self.corners(t), frame);
             }
         }
     }
@@ -340,11 +331,12 @@ impl Chunk {
         [&self.x, &self.y, &self.z].map(|axis| [axis[0][t], axis[1][t], axis[2][t]])
     }
 
-    /// First pass: fills the results. Tells whether any triangle is large.
+    /// First pass: fills the results. `first` is the first triangle's index. Tells whether any
+    /// triangle is large.
     ///
     /// One loop without branches, calls or exits, so that it is compiled for several lanes.
     #[inline(always)]
-    fn cover(&mut self, frame: &Frame<'_>) -> bool {
+    fn cover(&mut self, first: u32, frame: &Frame<'_>) -> bool {
         let stride = (LANES * frame.stride) as u32;
         let (width, height) = (frame.width as f32, frame.height as f32);
         let mut any_large = 0;
@@ -391,9 +383,10 @@ impl Chunk {
 
             let z = [self.z[0][t], self.z[1][t], self.z[2][t]];
             let inverse_area = 1.0 / area;
-            self.first[t] = point(e0, z, inverse_area);
-            self.right[t] = point(right, z, inverse_area);
-            self.down[t] = point(down, z, inverse_area);
+            let [start, right, down] = [e0, right, down].map(|e| plane(e, z, inverse_area));
+            self.first[t] = [start[0], start[1], start[2], number(first + t as u32)];
+            self.right[t] = [right[0], right[1], right[2], 0.0];
+            self.down[t] = [down[0], down[1], down[2], 0.0];
         }
         any_large != 0
     }
@@ -416,19 +409,29 @@ fn cover_row(e: [f32; 3], right: [f32; 3]) -> u32 {
 }
 
 /// Draws a front face of any size, at any place.
-#[inline(never)]
+#[inline(always)]
 fn draw_large(triangle: u32, [x, y, z]: [Corners; 3], frame: &mut Frame<'_>) {
     let range = |[p, q, r]: Corners, side: usize| {
-        let last = i32::try_from(side).unwrap_or(i32::MAX) - 1;
-        let first = math::ceil(less(less(p, q), r)).max(0);
-        first..=math::floor(more(more(p, q), r)).min(last)
+        // Conversions saturate.
+        let first = math::ceil(less(less(p, q), r)).max(0) as usize;
+        first..(math::floor(more(more(p, q), r)).saturating_add(1).max(0) as usize).min(side)
     };
+    let columns = range(x, frame.width);
     for row in range(y, frame.height) {
-        for column in range(x, frame.width) {
-            let e = edges(x, y, [column as f32, row as f32]);
-            if e.iter().all(|&e| e >= 0.0) {
-                let pixel = row as usize * LANES * frame.stride + column as usize;
-                frame.draw(pixel, triangle, point(e, z, 1.0 / (e[0] + e[1] + e[2])));
+        for first in columns.clone().step_by(LANES) {
+            let mut covered = 0_u32;
+            for l in 0..LANES {
+                let e = edges(x, y, [(first + l) as f32, row as f32]);
+                let inside = less(less(e[0], e[1]), e[2]) >= 0.0;
+                covered |= u32::from(inside & (first + l < columns.end)) << l;
+            }
+            while covered != 0 {
+                let column = first + covered.trailing_zeros() as usize;
+                covered &= covered - 1;
+                let e = edges(x, y, [column as f32, row as f32]);
+                let [inverse, second, third] = plane(e, z, 1.0 / (e[0] + e[1] + e[2]));
+                let at = row * LANES * frame.stride + column;
+                frame.draw(at, [inverse, second, third, number(triangle)]);
             }
         }
     }

@@ -45,43 +45,65 @@ impl Shader {
     }
 }
 
-/// Where the pixels of a chunk are in the mesh.
-pub struct Places {
-    /// Corners of the visible triangles; any where nothing is visible.
-    corners: [[u32; 3]; LANES],
-    /// Their weights; zero where nothing is visible.
-    weights: [[f32; 3]; LANES],
+/// Unit normal (model frame) and albedo of a vertex: `[x, y, z, 0, R, G, B, 0]`. Side by side,
+/// since who needs the one mostly needs the other.
+pub type Attributes = [f32; 8];
+
+/// The normal among a vertex's attributes.
+#[inline(always)]
+pub fn normal_of([x, y, z, w, ..]: Attributes) -> [f32; 4] {
+    [x, y, z, w]
 }
 
-impl Places {
-    /// Looks up the triangles.
-    #[inline(always)]
-    pub fn new<I: Index>(triangles: &[[I; 3]], visible: &Visible) -> Self {
-        let mut places = Self { corners: [[0; 3]; LANES], weights: [[0.0; 3]; LANES] };
-        for (l, pixel) in visible.iter().enumerate() {
-            let (triangle, [w1, w2]) = rasterize::triangle(*pixel);
-            if let Some(corners) = triangles.get(triangle) {
-                places.corners[l] = corners.map(|v| v.index() as u32);
-                places.weights[l] = [1.0 - w1 - w2, w1, w2];
-            }
-        }
-        places
-    }
+/// The albedo among a vertex's attributes.
+#[inline(always)]
+pub fn albedo_of([.., r, g, b, w]: Attributes) -> [f32; 4] {
+    [r, g, b, w]
+}
 
-    /// Interpolates an attribute of the vertices.
-    #[inline(always)]
-    pub fn interpolate(&self, vertices: &[[f32; 4]], planes: &mut Planes) {
-        // In memory between two loops: the first is one vector per pixel, not three numbers.
-        let mut pixels = [[0.0_f32; 4]; LANES];
-        for (pixel, (corners, weights)) in
-            pixels.iter_mut().zip(self.corners.iter().zip(&self.weights))
-        {
-            let [p, q, r] = corners.map(|v| vertices[v as usize]);
-            let [u, v, w] = weights;
-            *pixel = core::array::from_fn(|i| u * p[i] + v * q[i] + w * r[i]);
-        }
+/// Puts normals and albedo side by side.
+pub fn join(
+    normals: impl IntoIterator<Item = [f32; 4]>,
+    albedo: impl IntoIterator<Item = [f32; 4]>,
+    attributes: &mut [Attributes],
+) {
+    for (out, ([x, y, z, w], [r, g, b, v])) in
+        attributes.iter_mut().zip(normals.into_iter().zip(albedo))
+    {
+        *out = [x, y, z, w, r, g, b, v];
+    }
+}
+
+/// Replaces the albedo among attributes.
+pub fn set_albedo(albedo: &[[f32; 4]], attributes: &mut [Attributes]) {
+    for (out, albedo) in attributes.iter_mut().zip(albedo) {
+        out[4..].copy_from_slice(albedo);
+    }
+}
+
+/// Interpolates the last `WIDTH` numbers of the vertices' attributes at the pixels of a chunk, four
+/// of them for each of `planes`; zero where nothing is visible.
+#[inline(always)]
+pub fn interpolate<I: Index, const WIDTH: usize>(
+    triangles: &[[I; 3]],
+    visible: &Visible,
+    vertices: &[Attributes],
+    planes: &mut [&mut Planes],
+) {
+    // In memory between two loops: the first is one vector per pixel, not three numbers.
+    let mut pixels = [[0.0_f32; WIDTH]; LANES];
+    for (out, pixel) in pixels.iter_mut().zip(visible) {
+        let (triangle, [v, w]) = rasterize::triangle(*pixel);
+        let Some([p, q, r]) = triangles.get(triangle) else { continue };
+        let [p, q, r] = [p, q, r].map(|corner| &vertices[corner.index()]);
+        let u = 1.0 - v - w;
+        let from = p.len() - WIDTH;
+        *out = core::array::from_fn(|i| u * p[from + i] + v * q[from + i] + w * r[from + i]);
+    }
+    for (n, planes) in planes.iter_mut().enumerate() {
         for (group, pixels) in pixels.as_chunks::<4>().0.iter().enumerate() {
-            for (plane, axis) in planes.iter_mut().zip(transpose(*pixels)) {
+            let quads = pixels.map(|pixel| pixel.as_chunks::<4>().0[n]);
+            for (plane, axis) in planes.iter_mut().zip(transpose(quads)) {
                 plane[4 * group..4 * group + 4].copy_from_slice(&axis);
             }
         }

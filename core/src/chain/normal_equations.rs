@@ -1,0 +1,204 @@
+//! Weighted least squares by normal equations, in the caller's memory.
+
+use crate::math;
+use crate::render::LANES;
+
+/// Equations that are added together, so that the matrix is read and written once for all of them.
+const BATCH: usize = 8;
+
+/// Words of memory [`System`] needs for `n` unknowns.
+pub(super) const fn system_words(n: usize) -> usize {
+    (n + BATCH) * n.next_multiple_of(LANES) + 3 * n
+}
+
+/// A row's weight and what is on its right side.
+type Equation = (f32, f32);
+
+/// Normal equations `A δ = b`.
+pub(super) struct System<'s> {
+    n: usize,
+    /// Row-major, rows padded; only the upper triangle (`j ≥ i`) is kept up.
+    a: &'s mut [[f32; LANES]],
+    b: &'s mut [f32],
+    /// Rows of a Jacobian waiting to be added, padded with zeros.
+    batch: &'s mut [[f32; LANES]],
+    waiting: heapless::Vec<Equation, BATCH>,
+    /// Two rows in the making.
+    pub(super) rows: [&'s mut [f32]; 2],
+    normal_equations: NormalEquations,
+}
+
+/// Type of [`add_normal_equations`].
+pub type NormalEquations = fn(&[[f32; LANES]], &[Equation], &mut [[f32; LANES]], &mut [f32]);
+
+/// Adds `Σ w·rᵀr` to a matrix and `Σ w·r·y` to a vector for rows `r` with `(w, y)`. The matrix is
+/// row-major, a row per entry of the vector, and only its upper triangle is of consequence; rows
+/// of `batch` and matrix are equally long, in whole groups of lanes.
+#[inline(always)]
+pub fn add_normal_equations(
+    batch: &[[f32; LANES]],
+    equations: &[Equation],
+    matrix: &mut [[f32; LANES]],
+    vector: &mut [f32],
+) {
+    let stride = vector.len().div_ceil(LANES).max(1);
+    for (i, (row, b)) in matrix.chunks_exact_mut(stride).zip(vector).enumerate() {
+        let mut factors = [0.0; BATCH];
+        for ((factor, r), (weight, y)) in
+            factors.iter_mut().zip(batch.chunks_exact(stride)).zip(equations)
+        {
+            *factor = weight * r[i / LANES][i % LANES];
+            *b += *factor * y;
+        }
+        for (j, a) in row.iter_mut().enumerate().skip(i / LANES) {
+            let mut sum = *a;
+            for (factor, r) in factors.iter().zip(batch.chunks_exact(stride)) {
+                for l in 0..LANES {
+                    sum[l] += factor * r[j][l];
+                }
+            }
+            *a = sum;
+        }
+    }
+}
+
+impl<'s> System<'s> {
+    /// An empty system of `n` unknowns; `None` if the memory is shorter than [`system_words`].
+    pub(super) fn new(
+        n: usize,
+        normal_equations: NormalEquations,
+        memory: &'s mut [f32],
+    ) -> Option<Self> {
+        let memory = memory.get_mut(..system_words(n))?;
+        memory.fill(0.0);
+        let stride = n.next_multiple_of(LANES);
+        let (a, rest) = memory.split_at_mut(n * stride);
+        let (batch, rest) = rest.split_at_mut(BATCH * stride);
+        let (b, rest) = rest.split_at_mut(n);
+        let (first, second) = rest.split_at_mut(n);
+        Some(Self {
+            n,
+            a: a.as_chunks_mut().0,
+            b,
+            batch: batch.as_chunks_mut().0,
+            waiting: heapless::Vec::new(),
+            rows: [first, second],
+            normal_equations,
+        })
+    }
+
+    /// Adds a quadratic penalty `½ w (x + δ_i)²` on one unknown.
+    pub(super) fn pull(&mut self, i: usize, weight: f32, x: f32) {
+        let stride = self.n.next_multiple_of(LANES);
+        self.a.as_flattened_mut()[i * stride + i] += weight;
+        self.b[i] -= weight * x;
+    }
+
+    /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
+    pub(super) fn add(&mut self, which: usize, weight: f32, residual: f32) {
+        let start = self.waiting.len() * self.n.next_multiple_of(LANES);
+        let batch = &mut self.batch.as_flattened_mut()[start..];
+        batch[..self.n].copy_from_slice(self.rows[which]);
+        // There is room: the batch is emptied when full.
+        let _ = self.waiting.push((weight, residual));
+        if self.waiting.is_full() {
+            self.flush();
+        }
+    }
+
+    /// Adds the rows that wait.
+    fn flush(&mut self) {
+        let rest = self.waiting.len() * self.n.div_ceil(LANES);
+        self.batch[rest..].fill([0.0; LANES]);
+        (self.normal_equations)(self.batch, &self.waiting, self.a, self.b);
+        self.waiting.clear();
+    }
+
+    /// Solves by Cholesky's method `A = UᵀU`, in place; `None` if the matrix is not positive
+    /// definite.
+    ///
+    /// Eliminates a row at a time: every inner loop but one adds a multiple of one row to another.
+    pub(super) fn solve(&mut self) -> Option<&[f32]> {
+        self.flush();
+        let (n, stride) = (self.n, self.n.next_multiple_of(LANES));
+        let (a, b) = (self.a.as_flattened_mut(), &mut *self.b);
+        let add = |to: &mut [f32], factor: f32, row: &[f32]| {
+            for (x, r) in to.iter_mut().zip(row) {
+                *x -= factor * r;
+            }
+        };
+        for k in 0..n {
+            let (above, below) = a.split_at_mut((k + 1) * stride);
+            let pivot_row = &mut above[k * stride + k..k * stride + n];
+            if !(pivot_row[0] > 0.0) {
+                return None;
+            }
+            let inverse = 1.0 / math::sqrt(pivot_row[0]);
+            for x in pivot_row.iter_mut() {
+                *x *= inverse;
+            }
+            for (i, row) in (k + 1..n).zip(below.chunks_exact_mut(stride)) {
+                let tail = &pivot_row[i - k..];
+                add(&mut row[i..n], tail[0], tail);
+            }
+            // Uᵀ y = b on the way.
+            b[k] *= inverse;
+            let y = b[k];
+            add(&mut b[k + 1..], y, &pivot_row[1..]);
+        }
+        for i in (0..n).rev() {
+            let row = &a[i * stride..i * stride + n];
+            let dot: f32 = row[i + 1..].iter().zip(&b[i + 1..]).map(|(u, x)| u * x).sum();
+            b[i] = (b[i] - dot) / row[i];
+        }
+        b.iter().all(|x| x.is_finite()).then_some(self.b)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+
+    const N: usize = 21;
+
+    /// Solves noisy equations whose noiseless solution is `i − 3`.
+    fn solve(equations: usize, memory: &mut [f32]) -> Option<[f32; N]> {
+        let mut rng = Rng::new(5, 0);
+        let mut system = System::new(N, add_normal_equations, memory)?;
+        for _ in 0..equations {
+            let mut right = 0.0;
+            for (i, x) in system.rows[1].iter_mut().enumerate() {
+                *x = rng.normal_sd(1.0);
+                right += *x * (i as f32 - 3.0);
+            }
+            system.add(1, 0.5 + rng.uniform() as f32, right);
+        }
+        system.solve()?.try_into().ok()
+    }
+
+    #[test]
+    fn consistent_equations_are_solved_exactly() {
+        let mut memory = [f32::NAN; system_words(N)];
+        let solution = solve(4 * N, &mut memory).unwrap();
+        for (i, x) in solution.iter().enumerate() {
+            assert!((x - (i as f32 - 3.0)).abs() < 1e-4, "{i}: {x}");
+        }
+    }
+
+    #[test]
+    fn too_few_equations_or_words_are_refused() {
+        let mut memory = [0.0; system_words(N)];
+        assert_eq!(solve(0, &mut memory), None);
+        assert!(System::new(N, add_normal_equations, &mut memory[1..]).is_none());
+    }
+
+    #[test]
+    fn a_pull_alone_leads_home() {
+        let mut memory = [0.0; system_words(2)];
+        let mut system = System::new(2, add_normal_equations, &mut memory).unwrap();
+        system.pull(0, 4.0, 0.5);
+        system.pull(1, 1.0, -2.0);
+        assert_eq!(system.solve(), Some(&[-0.5, 2.0][..]));
+    }
+}
