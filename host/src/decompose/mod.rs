@@ -113,7 +113,7 @@ struct Candidate {
 ///
 /// # Errors
 /// When the 3×3 matrices of the kernel share no eigenvectors, or when the variance asked for
-/// needs more than [`MAX_COMPONENTS`] components (the message says what those hold).
+/// needs more than [`MAX_COMPONENTS`] components (the message says how much those hold at most).
 pub fn decompose(
     kernel: &Kernel,
     vertices: &[Vertex],
@@ -145,7 +145,13 @@ pub fn decompose(
         let cutoff = candidates.get(wanted.wrapping_sub(1)).map_or(0.0, |c| c.variance);
         let lagging: Vec<bool> = problems.iter().map(|p| p.lags(cutoff)).collect();
         candidates.truncate(wanted);
-        let done = candidates.iter().filter(|c| problems[c.problem].krylov.converged(c.ritz));
+        let converged = |c: &&Candidate| problems[c.problem].krylov.converged(c.ritz);
+        if let Truncation::Variance(fraction) = truncation {
+            let leading: Vec<f64> =
+                candidates.iter().take_while(converged).map(|c| c.variance).collect();
+            check_reach(&leading, fraction, total, limit)?;
+        }
+        let done = candidates.iter().filter(converged);
         progress(done.count() as f64 / wanted.max(1) as f64, "eigenvectors");
         if !lagging.contains(&true) {
             break candidates;
@@ -153,19 +159,24 @@ pub fn decompose(
         advance(&structure, &mut problems, &lagging);
     };
 
-    let captured = kept.iter().map(|c| c.variance).sum::<f64>() / total;
-    if let Truncation::Variance(fraction) = truncation
-        && captured < fraction * (1.0 - 1e-12)
-        && kept.len() == limit
-    {
-        return Err(Error::new(format_args!(
-            "{limit} components hold {:.2} % of the variance, not the {:.2} % asked for; \
-             ask for less, or give a rank",
-            100.0 * captured,
-            100.0 * fraction
-        )));
-    }
     Ok(finish(&structure, &problems, &kept, total))
+}
+
+/// Fails as soon as the leading variances show that `limit` components cannot hold `fraction` of
+/// the total: none of the others is larger than the last of these.
+fn check_reach(leading: &[f64], fraction: f64, total: f64, limit: usize) -> Result<()> {
+    let Some(last) = leading.last() else { return Ok(()) };
+    let rest = last * (limit - leading.len()) as f64;
+    let reach = (leading.iter().sum::<f64>() + rest) / total;
+    if reach >= fraction * (1.0 - 1e-12) {
+        return Ok(());
+    }
+    Err(Error::new(format_args!(
+        "{limit} components hold less than {:.2} % of the variance, not the {:.2} % asked for; \
+         ask for less, or give a rank",
+        100.0 * reach,
+        100.0 * fraction
+    )))
 }
 
 /// All positive pairs found so far, largest variance first.
