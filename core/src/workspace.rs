@@ -23,22 +23,25 @@ pub struct Dimensions {
     pub width: usize,
     /// Rows of the picture.
     pub height: usize,
+    /// Whether memory is scarce, see [`Problem::lean`](crate::chain::Problem::lean).
+    pub lean: bool,
 }
 
 impl Dimensions {
     /// Words (`u32`) of memory [`Chain::new`](crate::chain::Chain::new) takes.
     ///
     /// Two slots (the current and the proposed state's) of positions, normals and albedo per
-    /// vertex, and of what is visible per pixel; its normal and albedo; window coordinates;
-    /// the target picture; the landmarks' rows of the basis; the search moves' normal equations.
+    /// vertex, and of what is visible per pixel; its normal and albedo; window coordinates; the
+    /// target picture; the landmarks' rows of the basis; the search moves' normal equations.
     pub const fn words(&self) -> usize {
-        let Self { width, height, .. } = *self;
+        let Self { width, height, lean, .. } = *self;
+        let (slots, planes) = if lean { (1, 0) } else { (2, 2) };
         let vertices = 4 * padded(self.vertices);
         // A vertex has a position and, twice as long, its attributes.
         let slot = 3 * vertices + frame_words(width, height);
-        let rest = 2 * slot
+        let rest = slots * slot
             + vertices
-            + 2 * planes_words(width, height)
+            + planes * planes_words(width, height)
             + landmarks::rows_words(self.landmarks, self.shape_rank)
             + search_words(self.shape_rank, self.albedo_rank);
         // The background histogram is needed once, before the rest is.
@@ -91,46 +94,50 @@ impl<'w> Carver<'w> {
     }
 }
 
-/// Two buffers of one kind: the current state's and the one a proposal is computed in.
-/// Accepting swaps them; rejecting costs nothing.
+/// Two buffers of one kind: the current state's and the one a proposal is computed in. Accepting
+/// swaps them; rejecting costs nothing. Or, to save memory, a single one for both: whoever writes
+/// a proposal there has overwritten the current state's and must make it again.
 pub(crate) struct Slots<T> {
-    pair: [T; 2],
-    current: usize,
+    first: T,
+    second: Option<T>,
+    swapped: bool,
 }
 
 impl<T> Slots<T> {
-    pub(crate) fn new(a: T, b: T) -> Self {
-        Self { pair: [a, b], current: 0 }
+    pub(crate) fn new(first: T, second: Option<T>) -> Self {
+        Self { first, second, swapped: false }
     }
 
     /// The current buffer.
     pub(crate) fn get(&self) -> &T {
-        &self.pair[self.current]
+        self.pick(false)
     }
 
     /// The current buffer, or the other one if `proposed`.
     pub(crate) fn pick(&self, proposed: bool) -> &T {
-        &self.pair[self.current ^ usize::from(proposed)]
-    }
-
-    /// [`Slots::pick`], to write into.
-    pub(crate) fn pick_mut(&mut self, proposed: bool) -> &mut T {
-        &mut self.pair[self.current ^ usize::from(proposed)]
-    }
-
-    /// The current buffer, and the one to compute a proposal in.
-    pub(crate) fn both(&mut self) -> (&T, &mut T) {
-        let [a, b] = &mut self.pair;
-        if self.current == 0 { (a, b) } else { (b, a) }
+        match &self.second {
+            Some(second) if self.swapped != proposed => second,
+            _ => &self.first,
+        }
     }
 
     /// The buffer to compute a proposal in.
     pub(crate) fn spare(&mut self) -> &mut T {
-        self.pick_mut(true)
+        self.both().1
+    }
+
+    /// The current buffer, unless it is the same, and the one to compute a proposal in.
+    pub(crate) fn both(&mut self) -> (Option<&T>, &mut T) {
+        let Self { first, second, swapped } = self;
+        match (second, *swapped) {
+            (None, _) => (None, first),
+            (Some(second), true) => (Some(second), first),
+            (Some(second), false) => (Some(first), second),
+        }
     }
 
     /// Makes the spare the current one.
     pub(crate) fn flip(&mut self) {
-        self.current ^= 1;
+        self.swapped = !self.swapped;
     }
 }

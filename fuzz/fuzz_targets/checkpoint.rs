@@ -72,6 +72,7 @@ fuzz_target!(|data: &[u8]| {
         landmarks: &landmarks,
         config: &config,
         engine: &Engine::PORTABLE,
+        lean: true,
     };
     let mut memory = vec![0; problem.dimensions().words()];
     for chain in save.chains {

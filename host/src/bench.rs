@@ -112,6 +112,7 @@ impl Workload {
             landmarks,
             config,
             engine: simd::best(),
+            lean: false,
         }
     }
 }

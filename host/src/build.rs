@@ -112,6 +112,7 @@ pub fn build(
         triangles: &scan.triangles,
         landmarks,
         provenance: &provenance(options, &shape_report, &albedo_report),
+        levels: i16::MAX,
     };
     let model = OwnedModel::from_bytes(&parts.to_bytes()?)?;
     let report = BuildReport {

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | scan → mesh | [`ply`], [`mesh`], [`landmarks`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
+//! | model → smaller model | [`export`], [`decimate`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
@@ -16,9 +17,11 @@
 
 pub mod bench;
 pub mod build;
+pub mod decimate;
 pub mod decompose;
 pub mod demo;
 pub mod error;
+pub mod export;
 pub mod files;
 pub mod fit;
 pub mod glb;

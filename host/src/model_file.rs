@@ -47,6 +47,7 @@ impl OwnedModel {
             triangles: &mesh.triangles,
             landmarks,
             provenance: "",
+            levels: i16::MAX,
         };
         Self::from_bytes(&parts.to_bytes()?)
     }
@@ -87,7 +88,35 @@ pub struct Half<'a> {
     /// Mean per vertex: positions in millimetres or RGB in `[0, 1]`.
     pub mean: &'a [[f32; 3]],
     /// What instances add to it.
-    pub deviation: &'a Decomposition,
+    pub deviation: &'a dyn Deviation,
+}
+
+/// Orthogonal components of a field over the vertices, in descending order.
+pub trait Deviation: Sync {
+    /// Their variances.
+    fn variances(&self) -> &[f64];
+
+    /// Trace of the covariance they are the leading components of.
+    fn total_variance(&self) -> f64;
+
+    /// Component `k` in one channel, its standard deviation included: a factor, and what it
+    /// multiplies per vertex.
+    fn column(&self, k: usize, channel: usize) -> (f64, &[f64]);
+}
+
+impl Deviation for Decomposition {
+    fn variances(&self) -> &[f64] {
+        &self.variances
+    }
+
+    fn total_variance(&self) -> f64 {
+        self.total_variance
+    }
+
+    fn column(&self, k: usize, channel: usize) -> (f64, &[f64]) {
+        let (direction, vector) = self.column(k);
+        (self.variances[k].sqrt() * direction[channel], vector)
+    }
 }
 
 /// Everything a model file holds.
@@ -102,6 +131,9 @@ pub struct ModelParts<'a> {
     pub landmarks: &'a [Landmark],
     /// `key = value` lines.
     pub provenance: &'a str,
+    /// The integer that stands for a component's largest entry: [`i16::MAX`], or less for a file
+    /// that compresses better.
+    pub levels: i16,
 }
 
 impl ModelParts<'_> {
@@ -120,7 +152,7 @@ impl ModelParts<'_> {
         };
         let (landmarks, names) = self.named();
         let [(shape, shape_quanta), (albedo, albedo_quanta)] =
-            [&self.shape, &self.albedo].map(Half::columns);
+            [&self.shape, &self.albedo].map(|half| half.columns(self.levels));
         // In the order of `Section::ALL`.
         let sections: [Vec<u8>; Section::ALL.len()] = [
             little_endian(&self.shape.mean()),
@@ -157,15 +189,15 @@ impl ModelParts<'_> {
             (8, VERSION),
             (12, vertices as u32),
             (32, self.triangles.len() as u32),
-            (36, self.shape.deviation.rank() as u32),
-            (40, self.albedo.deviation.rank() as u32),
+            (36, self.shape.rank() as u32),
+            (40, self.albedo.rank() as u32),
             (44, self.landmarks.len() as u32),
             (48, if small { 2 } else { 4 }),
         ] {
             put(&mut bytes, offset, &value.to_le_bytes());
         }
-        put(&mut bytes, 56, &self.shape.deviation.total_variance.to_le_bytes());
-        put(&mut bytes, 64, &self.albedo.deviation.total_variance.to_le_bytes());
+        put(&mut bytes, 56, &self.shape.deviation.total_variance().to_le_bytes());
+        put(&mut bytes, 64, &self.albedo.deviation.total_variance().to_le_bytes());
         let length = bytes.len() as u64;
         put(&mut bytes, 24, &length.to_le_bytes());
         let checksum = fnv64(&bytes[CHECKED_FROM..]);
@@ -199,37 +231,42 @@ impl Half<'_> {
 
     /// Columns `√λ_k·u_k` in blocks of [`LANES`] field entries, component after component, in
     /// units of the quanta, and these.
-    fn columns(&self) -> (Vec<i16>, Vec<f32>) {
-        let rank = self.deviation.rank();
+    fn columns(&self, levels: i16) -> (Vec<i16>, Vec<f32>) {
+        let rank = self.rank();
         let plane_blocks = padded(self.mean.len()) / LANES;
         let mut columns = vec![0; 3 * plane_blocks * rank * LANES];
-        let components: Vec<_> = (0..rank)
-            .map(|k| (self.deviation.variances[k].sqrt(), self.deviation.column(k)))
-            .collect();
+        let components: Vec<_> =
+            (0..rank).map(|k| [0, 1, 2].map(|channel| self.deviation.column(k, channel))).collect();
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |max, x| max.max(x.abs()));
         let quanta: Vec<f32> = components
             .iter()
-            .map(|(deviation, (direction, vector))| {
-                (deviation * largest(direction) * largest(vector) / f64::from(i16::MAX)) as f32
+            .map(|channels| {
+                let entries = channels.map(|(factor, values)| factor.abs() * largest(values));
+                (largest(&entries) / f64::from(levels)) as f32
             })
             .collect();
         columns.par_chunks_mut((rank * LANES).max(1)).enumerate().for_each(|(block, out)| {
             let (channel, first) = (block / plane_blocks, block % plane_blocks * LANES);
-            for (((deviation, (direction, vector)), quantum), lanes) in
+            for ((channels, quantum), lanes) in
                 components.iter().zip(&quanta).zip(out.chunks_exact_mut(LANES))
             {
-                let factor = deviation * direction[channel] / f64::from(*quantum);
-                for (out, u) in lanes.iter_mut().zip(&vector[first..]) {
+                let (factor, values) = channels[channel];
+                let factor = factor / f64::from(*quantum);
+                for (out, value) in lanes.iter_mut().zip(&values[first..]) {
                     // Saturates; of a component without entries 0/0 gives 0.
-                    *out = (factor * u).round() as i16;
+                    *out = (factor * value).round() as i16;
                 }
             }
         });
         (columns, quanta)
     }
 
+    fn rank(&self) -> usize {
+        self.deviation.variances().len()
+    }
+
     fn variances(&self) -> Vec<f32> {
-        self.deviation.variances.iter().map(|&v| v as f32).collect()
+        self.deviation.variances().iter().map(|&v| v as f32).collect()
     }
 }
 

@@ -111,6 +111,9 @@ pub struct Problem<'a> {
     pub config: &'a Config,
     /// Who does the expensive work; [`Engine::PORTABLE`] if in doubt.
     pub engine: &'a Engine,
+    /// Whether memory is scarcer than time. The chain then takes less than half the memory: a
+    /// rejected proposal's stages are computed again when they are wanted. Same bits.
+    pub lean: bool,
 }
 
 impl Problem<'_> {
@@ -123,6 +126,7 @@ impl Problem<'_> {
             landmarks: self.landmarks.len(),
             width: self.image.width as usize,
             height: self.image.height as usize,
+            lean: self.lean,
         }
     }
 }
@@ -477,6 +481,10 @@ impl<'a, 'w> Chain<'a, 'w> {
         let stage = self.progress.stage;
         let branch = self.tables[stage as usize].branches()[branch];
         let current = &self.progress.state;
+        let touched = branch.kind.touches();
+        if branch.kind.is_search() {
+            self.pipeline.restore(self.problem, &current.scene, Touched::COLOR);
+        }
         let mut scene = current.scene.clone();
         let mut surroundings = Around {
             centres: &self.centres,
@@ -491,7 +499,6 @@ impl<'a, 'w> Chain<'a, 'w> {
         let Some(correction) = proposal else {
             return Outcome::Failed;
         };
-        let touched = branch.kind.touches();
         let mut density = current.density;
 
         let mut points = None;
@@ -515,6 +522,7 @@ impl<'a, 'w> Chain<'a, 'w> {
             let patch = f64::from(self.problem.config.pixel_patch);
             let floor = current.density.image + patch * math::ln(rng.uniform());
             self.progress.image_evaluated += 1;
+            self.pipeline.restore(self.problem, &current.scene, touched);
             let new = Proposed { problem: self.problem, scene: &scene, touched };
             self.pipeline.update(&new);
             match self.pipeline.ln_likelihood(&new, floor) {

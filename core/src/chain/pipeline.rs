@@ -16,6 +16,12 @@ use crate::workspace::{Carver, Dimensions, Slots};
 
 type Quads<'w> = Slots<&'w mut [[f32; 4]]>;
 
+/// Attributes per pixel.
+struct Pixels<'w> {
+    normals: &'w mut [Planes],
+    albedo: &'w mut [Planes],
+}
+
 /// What of the current state's attributes per pixel is out of date.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Stale {
@@ -45,9 +51,10 @@ pub(super) struct Pipeline<'w> {
     coverage: Slots<Coverage>,
     /// Of the current state only, and brought up to date when a move of light or colour wants
     /// them: most other moves are rejected.
-    pixel_normals: &'w mut [Planes],
-    pixel_albedo: &'w mut [Planes],
+    pixels: Option<Pixels<'w>>,
     stale: Stale,
+    /// What of the buffers, having one slot only, no longer is the current state's.
+    overwritten: Touched,
     width: usize,
     height: usize,
 }
@@ -59,48 +66,70 @@ impl<'w> Pipeline<'w> {
         dimensions: &Dimensions,
         pixels: &[[u8; 3]],
     ) -> Option<Self> {
-        let &Dimensions { vertices, width, height, .. } = dimensions;
+        let &Dimensions { vertices, width, height, lean, .. } = dimensions;
         // First: while it is made, the target borrows memory the rest will have.
         let target = Target::carve(carver, pixels, width)?;
         let n = padded(vertices);
-        let positions = Slots::new(carver.quads(n)?, carver.quads(n)?);
-        let attributes = Slots::new(carver.attributes(n)?, carver.attributes(n)?);
-        let mut frame = || Frame::carve(carver, width, height);
-        let frame = Slots::new(frame()?, frame()?);
+        let positions = slots(lean, || carver.quads(n))?;
+        let attributes = slots(lean, || carver.attributes(n))?;
+        let frame = slots(lean, || Frame::carve(carver, width, height))?;
+        let pixels = if lean {
+            None
+        } else {
+            let mut planes = || carver.planes(width, height);
+            Some(Pixels { normals: planes()?, albedo: planes()? })
+        };
         Some(Self {
             target,
             positions,
             attributes,
             frame,
-            coverage: Slots::new(Coverage::default(), Coverage::default()),
-            pixel_normals: carver.planes(width, height)?,
-            pixel_albedo: carver.planes(width, height)?,
+            coverage: slots(lean, || Some(Coverage::default()))?,
+            pixels,
             stale: Stale::Everything,
+            overwritten: Touched::COLOR,
             window: carver.quads(n)?,
             width,
             height,
         })
     }
 
+    /// Makes those stages of the current state again that a proposal has overwritten, except what
+    /// another proposal is about to overwrite anyway.
+    pub(super) fn restore(&mut self, problem: Problem<'_>, current: &Scene, except: Touched) {
+        let missing = self.overwritten.without(except);
+        if missing != Touched::COLOR {
+            self.update(&Proposed { problem, scene: current, touched: missing });
+            self.overwritten = self.overwritten.without(missing);
+        }
+    }
+
     /// Computes what a proposal invalidates of the stages before shading, in the spare buffers.
     pub(super) fn update(&mut self, new: &Proposed<'_, '_>) {
-        let &Proposed { problem: Problem { model, engine, .. }, scene, touched } = new;
+        let &Proposed { problem: Problem { model, engine, lean, .. }, scene, touched } = new;
+        if lean {
+            self.overwritten = self.overwritten.with(touched);
+        }
         if touched.shape {
             (engine.instance)(&model.shape, &scene.shape, self.positions.spare());
             let positions = self.positions.pick(true);
             (engine.normals)(model.triangles, positions, self.window);
-            let (current, spare) = self.attributes.both();
-            let albedo = current.iter().copied().map(shade::albedo_of);
-            shade::join(self.window.iter().copied(), albedo, spare);
+            match self.attributes.both() {
+                (Some(current), spare) => {
+                    let albedo = current.iter().copied().map(shade::albedo_of);
+                    shade::join(self.window.iter().copied(), albedo, spare);
+                }
+                (None, only) => shade::set_normals(self.window, only),
+            }
         }
         if touched.albedo {
             (engine.instance)(&model.albedo, &scene.albedo, self.window);
-            let (current, spare) = self.attributes.both();
-            if touched.shape {
-                shade::set_albedo(self.window, spare);
-            } else {
-                let normals = current.iter().copied().map(shade::normal_of);
-                shade::join(normals, self.window.iter().copied(), spare);
+            match self.attributes.both() {
+                (Some(current), spare) if !touched.shape => {
+                    let normals = current.iter().copied().map(shade::normal_of);
+                    shade::join(normals, self.window.iter().copied(), spare);
+                }
+                (_, spare) => shade::set_albedo(self.window, spare),
             }
         }
         if touched.geometry {
@@ -127,16 +156,18 @@ impl<'w> Pipeline<'w> {
             vertices: self.attributes.pick(touched.shape || touched.albedo),
         };
         let mut known = Known::default();
-        if touched == Touched::COLOR {
-            if self.stale > Stale::Nothing {
-                let normals = (self.stale == Stale::Everything).then_some(&mut *self.pixel_normals);
-                (engine.interpolate)(&surface, normals, self.pixel_albedo);
-                self.stale = Stale::Nothing;
+        if let Some(pixels) = &mut self.pixels {
+            if touched == Touched::COLOR {
+                if self.stale > Stale::Nothing {
+                    let normals = (self.stale == Stale::Everything).then_some(&mut *pixels.normals);
+                    (engine.interpolate)(&surface, normals, pixels.albedo);
+                    self.stale = Stale::Nothing;
+                }
+                known.albedo = Some(pixels.albedo);
             }
-            known.albedo = Some(self.pixel_albedo);
-        }
-        if !touched.geometry && self.stale < Stale::Everything {
-            known.normals = Some(self.pixel_normals);
+            if !touched.geometry && self.stale < Stale::Everything {
+                known.normals = Some(pixels.normals);
+            }
         }
         (engine.residual)(&surface, known, &Shader::new(scene), &self.target, limit)
     }
@@ -150,6 +181,7 @@ impl<'w> Pipeline<'w> {
 
     /// Makes what was computed for a proposal the current state's.
     pub(super) fn accept(&mut self, touched: Touched) {
+        self.overwritten = self.overwritten.without(touched);
         if touched.shape {
             self.positions.flip();
         }
@@ -237,6 +269,11 @@ impl<'w> Pipeline<'w> {
         let pixels = frame.columns().len() * frame.rows().len();
         (pixels as f32 / search.points.max(1) as f32).max(1.0)
     }
+}
+
+/// One buffer or two.
+fn slots<T>(lean: bool, mut buffer: impl FnMut() -> Option<T>) -> Option<Slots<T>> {
+    Some(Slots::new(buffer()?, if lean { None } else { Some(buffer()?) }))
 }
 
 fn xyz([x, y, z, _]: [f32; 4]) -> [f32; 3] {

@@ -187,6 +187,26 @@ impl Touched {
     pub const SHAPE: Self = Self { shape: true, geometry: true, albedo: false };
     /// Everything.
     pub const ALL: Self = Self { shape: true, geometry: true, albedo: true };
+
+    /// What either touches.
+    #[must_use]
+    pub fn with(self, other: Self) -> Self {
+        Self {
+            shape: self.shape || other.shape,
+            geometry: self.geometry || other.geometry,
+            albedo: self.albedo || other.albedo,
+        }
+    }
+
+    /// What this touches and the other does not.
+    #[must_use]
+    pub fn without(self, other: Self) -> Self {
+        Self {
+            shape: self.shape && !other.shape,
+            geometry: self.geometry && !other.geometry,
+            albedo: self.albedo && !other.albedo,
+        }
+    }
 }
 
 /// A mixture of moves: a tree whose branches carry weights, normalised within each mixture.

@@ -74,6 +74,13 @@ pub fn join(
     }
 }
 
+/// Replaces the normals among attributes.
+pub fn set_normals(normals: &[[f32; 4]], attributes: &mut [Attributes]) {
+    for (out, normal) in attributes.iter_mut().zip(normals) {
+        out[..4].copy_from_slice(normal);
+    }
+}
+
 /// Replaces the albedo among attributes.
 pub fn set_albedo(albedo: &[[f32; 4]], attributes: &mut [Attributes]) {
     for (out, albedo) in attributes.iter_mut().zip(albedo) {

@@ -3,6 +3,7 @@
 mod bench;
 mod build;
 mod demo;
+mod export;
 mod fit;
 mod info;
 mod render;
@@ -44,6 +45,8 @@ enum Command {
     Demo(demo::Demo),
     /// Build a model from one coloured scan.
     Build(build::Build),
+    /// Make a smaller model: for a device, for a web page.
+    Export(export::Export),
     /// Say what a model holds and where it comes from.
     Info(info::Info),
     /// Draw random instances of a model: meshes, and a sheet of pictures.
@@ -64,6 +67,7 @@ impl Arguments {
             None => demo::Demo::default().run(console),
             Some(Command::Demo(command)) => command.run(console),
             Some(Command::Build(command)) => command.run(console),
+            Some(Command::Export(command)) => command.run(console),
             Some(Command::Info(command)) => command.run(),
             Some(Command::Sample(command)) => command.run(console),
             Some(Command::Render(command)) => command.run(console),

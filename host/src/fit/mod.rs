@@ -148,6 +148,7 @@ impl Job<'_> {
             landmarks: &positions,
             config: &self.config,
             engine: simd::best(),
+            lean: false,
         };
         let chains = self.chains.max(1) as usize;
         let saves: Vec<Option<ChainSave>> = match resume {

@@ -1,0 +1,82 @@
+//! Whole chains on a small model.
+
+mod common;
+
+use onescan_core::chain::{Chain, Config, Image, Observation, Problem};
+use onescan_core::engine::Engine;
+use onescan_core::model::Model;
+use onescan_core::render::{draw, draw_words};
+use onescan_core::rng::Rng;
+use onescan_core::scene::Scene;
+
+const SIDE: u32 = 48;
+const PIXELS: usize = (SIDE * SIDE) as usize;
+
+/// A mask turned and shaped at random, lit from the front, on grey.
+fn photo(model: &Model<'_>) -> (Vec<[u8; 3]>, Scene) {
+    let mut rng = Rng::new(1, 0);
+    let mut scene = Scene::initial(SIDE, SIDE, model.shape.rank(), model.albedo.rank());
+    scene.pose.yaw = 0.3;
+    scene.shape.iter_mut().chain(&mut scene.albedo).for_each(|c| *c = rng.normal_sd(1.0));
+    let mut memory = vec![0; draw_words(model.vertices(), SIDE as usize, SIDE as usize)];
+    let mut pixels = vec![[0.4; 3]; PIXELS];
+    assert!(draw(model, &scene, &mut memory, &mut pixels).is_some_and(|covered| covered > 300));
+    let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0) as u8;
+    (pixels.iter().map(|pixel| pixel.map(byte)).collect(), scene)
+}
+
+/// Where the truth's landmarks are.
+fn landmarks<'m>(model: &Model<'m>, truth: &Scene) -> Vec<Observation<'m>> {
+    let mut positions = vec![[0.0; 4]; onescan_core::basis::padded(model.vertices())];
+    model.shape.instance(&truth.shape, &mut positions);
+    let position = |vertex: u32| {
+        let [x, y, z, _] = positions[vertex as usize];
+        let (u, v, _) = truth.camera.project(truth.pose.to_world([x, y, z]));
+        [u, v]
+    };
+    model.landmarks().map(|(name, v)| Observation { name, position: position(v) }).collect()
+}
+
+#[test]
+fn little_memory_changes_no_bit() {
+    let bytes = common::mask(24, 30, 6, 5);
+    let model = bytes.model();
+    let (pixels, truth) = photo(&model);
+    let landmarks = landmarks(&model, &truth);
+    let config = Config {
+        shape_rank: 6,
+        albedo_rank: 5,
+        landmark_samples: 300,
+        samples: 1500,
+        ..Config::default()
+    };
+    let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
+    let engine = &Engine::PORTABLE;
+    let problem = Problem {
+        model: &model,
+        image,
+        landmarks: &landmarks,
+        config: &config,
+        engine,
+        lean: false,
+    };
+    let fit = |problem: Problem<'_>| {
+        // Whatever was in the memory before.
+        let mut memory = vec![0x7fc0_dead; problem.dimensions().words()];
+        let mut chain = Chain::new(problem, 3, 0, &mut memory).expect("the problem fits together");
+        // A look at the quality in the middle disturbs nothing.
+        for _ in 0..900 {
+            assert!(chain.step().is_some());
+        }
+        let best = chain.best().scene.clone();
+        let quality = chain.quality(&best);
+        while chain.step().is_some() {}
+        let result = (chain.fingerprint(), quality, chain.best().clone());
+        (memory.len(), result)
+    };
+    let (words, result) = fit(problem);
+    let (lean_words, lean_result) = fit(Problem { lean: true, ..problem });
+    assert!(2 * lean_words < words, "{lean_words} words are not less than half of {words}");
+    assert_eq!(lean_result, result);
+    assert!(result.1.pixel_rmse < 0.1, "{}", result.1.pixel_rmse);
+}
