@@ -3,18 +3,24 @@
 use crate::Outcome;
 use crate::shell::{cargo, run as sh};
 
-/// What tests/tests/golden.rs looks at: it writes what it otherwise compares.
+/// What tests/tests/golden.rs and device.rs look at: they write what they otherwise compare.
 const WRITE: &str = "ONESCAN_GOLDEN";
 
-/// The command. The model stays unless asked for: it is large, and rarely the reason.
+/// The command. The models stay unless asked for: they are large, and rarely the reason.
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let what = match arguments {
         [] => "results",
         [flag] if flag == "--model" => "model",
-        _ => return Err("expected nothing or --model".into()),
+        [flag] if flag == "--device" => "device",
+        _ => return Err("expected nothing, --model or --device".into()),
     };
-    let test = ["test", "--release", "--package", "onescan-tests", "--test", "golden"];
-    sh(cargo(test).env(WRITE, what))?;
+    let test = ["test", "--release", "--package", "onescan-tests", "--test"];
+    // The device's inputs are compiled in, so they come first.
+    for (name, what) in [("device", "device"), ("golden", what), ("device", "results")] {
+        if name == "golden" || what == "results" || arguments == ["--device"] {
+            sh(cargo(test).arg(name).env(WRITE, what))?;
+        }
+    }
     println!("now read `git diff --stat fixtures`, and say in the commit why they changed");
     Ok(())
 }

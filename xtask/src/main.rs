@@ -42,8 +42,8 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "golden",
-        usage: "golden [--model]",
-        about: "makes fixtures/golden anew; --model its model too",
+        usage: "golden [--model | --device]",
+        about: "makes fixtures/golden anew; --model its model too, --device fixtures/device",
         run: golden::run,
     },
     Command {

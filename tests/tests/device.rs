@@ -1,0 +1,81 @@
+//! The case that every target computes, computed here: by each engine, with much and with little
+//! memory. `cargo xtask golden` writes its hashes, `cargo xtask golden --device` its inputs.
+
+use onescan::demo::template_model;
+use onescan::export::{ExportOptions, export};
+use onescan::photo::{self, Crop};
+use onescan::picture::Picture;
+use onescan::simd;
+use onescan::tlms::{Landmark2, Tlms};
+use onescan_case::{RANK, SIDE, STAGES, WORDS, fit, picture, stages, write_golden};
+use onescan_tests::program::fixtures;
+use std::fs;
+
+/// How much larger than the landmarks' box the photo is.
+const ENLARGE: f64 = 1.5;
+
+fn writes(what: &str) -> bool {
+    std::env::var("ONESCAN_GOLDEN").is_ok_and(|wanted| wanted == what)
+}
+
+/// Makes the inputs; the case has them compiled in, so its hashes are another run's.
+#[test]
+fn inputs_are_made_when_asked_for() {
+    if !writes("device") {
+        return;
+    }
+    let place = fixtures().join("device");
+    let whole = template_model(199, &mut |_, _| ()).unwrap().model;
+    let options =
+        ExportOptions { shape_rank: RANK, albedo_rank: RANK, vertices: Some(960), bits: 16 };
+    let exported = export(&whole, &options).unwrap();
+    fs::create_dir_all(&place).unwrap();
+    exported.model.write(&place.join("face.3dmm")).unwrap();
+
+    let landmarks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
+    let photo = photo::read(&fixtures().join("photos/astronaut.png")).unwrap();
+    let size = [photo.width, photo.height];
+    let crop = Crop::around(&landmarks.visible_points(), size, ENLARGE, SIDE as u32).unwrap();
+    let small = crop.cut(&photo).unwrap().resized(SIDE as u32, SIDE as u32);
+    let mut ppm = format!("P6\n{SIDE} {SIDE}\n255\n").into_bytes();
+    ppm.extend(small.bytes());
+    fs::write(place.join("photo.ppm"), ppm).unwrap();
+    let moved = landmarks.visible().map(|l| {
+        let [x, y] = crop.to_crop([l.x, l.y].map(f64::from));
+        Landmark2 { x: x as f32, y: y as f32, ..l.clone() }
+    });
+    let moved = Tlms { landmarks: moved.collect() };
+    fs::write(place.join("photo.tlms"), moved.to_text()).unwrap();
+}
+
+#[test]
+fn every_engine_and_every_memory_computes_the_golden_bits() {
+    if writes("device") {
+        return;
+    }
+    let golden = fixtures().join("golden/device.txt");
+    for engine in simd::all() {
+        for lean in [true, false] {
+            let mut memory = vec![0; if lean { WORDS } else { 3 * WORDS }];
+            let hashes = stages(&mut memory, engine).unwrap();
+            assert_eq!(hashes.len(), STAGES.len());
+            let fitted = fit(&mut memory, engine, lean).unwrap();
+            let mut found = String::new();
+            write_golden(&mut found, &hashes, fitted.fingerprint).unwrap();
+            if writes("results") {
+                fs::write(&golden, &found).unwrap();
+            }
+            let expected = fs::read_to_string(&golden).unwrap();
+            assert_eq!(found, expected, "{}, lean: {lean}", engine.name);
+            assert!(fitted.quality.pixel_rmse < 0.12, "{:?}", fitted.quality);
+
+            let mut shown = None;
+            picture(&mut memory, &fitted.scene, |colors| {
+                shown = Some(Picture::from_unit(SIDE as u32, SIDE as u32, colors));
+            })
+            .unwrap();
+            let shown = shown.unwrap().enlarged(4);
+            shown.write_png(&onescan_tests::program::target().join("device-native.png")).unwrap();
+        }
+    }
+}
