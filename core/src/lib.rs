@@ -32,6 +32,7 @@ extern crate std;
 
 pub mod basis;
 pub mod chain;
+pub mod draw;
 pub mod engine;
 pub mod hash;
 pub mod light;

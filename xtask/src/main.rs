@@ -2,6 +2,7 @@
 
 mod bench;
 mod determinism;
+mod device;
 mod fuzz;
 mod golden;
 mod no_std;
@@ -39,6 +40,12 @@ const COMMANDS: &[Command] = &[
         usage: "determinism",
         about: "one small fit by debug, release and native builds: equal fingerprints",
         run: determinism::run,
+    },
+    Command {
+        name: "device",
+        usage: "device",
+        about: "a fit on an emulated Cortex-M7: golden bits, within 256 KB of RAM and 512 of flash",
+        run: device::run,
     },
     Command {
         name: "golden",

@@ -307,6 +307,23 @@ impl<'a, 'w> Chain<'a, 'w> {
         stream: u32,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
+        // A chain is some kilobytes, and stacks can be small: it is made where it is returned, and
+        // what that takes is gone before it renders.
+        let mut result = Self::prepare(problem, seed, stream, memory);
+        if let Ok(chain) = &mut result {
+            chain.begin();
+        }
+        result
+    }
+
+    /// A chain that knows its first state, but not its density.
+    #[inline(never)]
+    fn prepare(
+        problem: Problem<'a>,
+        seed: u64,
+        stream: u32,
+        memory: &'w mut [u32],
+    ) -> Result<Self, ChainError> {
         let Problem { model, image, config, .. } = problem;
         let rank = |wanted: usize, available: usize| wanted.min(available);
         let scene = Scene::initial(
@@ -328,17 +345,21 @@ impl<'a, 'w> Chain<'a, 'w> {
             fingerprint: Fnv64::default(),
             tallies: [Tallies::new(), Tallies::new()],
         };
-        let mut chain = Self::assemble(problem, progress, memory)?;
-        for (tallies, table) in chain.progress.tallies.iter_mut().zip(&chain.tables) {
+        Self::assemble(problem, progress, memory)
+    }
+
+    /// Counts nothing yet, and evaluates the first state.
+    #[inline(never)]
+    fn begin(&mut self) {
+        for (tallies, table) in self.progress.tallies.iter_mut().zip(&self.tables) {
             // At most MAX_LEAVES, like the table.
-            let _ = tallies.resize(table.branches().len(), Tally::default());
+            let _ = tallies.resize(table.len(), Tally::default());
         }
-        chain.progress.state.density = chain.evaluate_current();
-        chain.progress.best = chain.progress.state.clone();
-        if config.landmark_samples == 0 {
-            chain.enter_image_stage();
+        self.progress.state.density = self.evaluate_current();
+        self.progress.best.clone_from(&self.progress.state);
+        if self.problem.config.landmark_samples == 0 {
+            self.enter_image_stage();
         }
-        Ok(chain)
     }
 
     /// The chain a checkpoint was taken of, on the same problem.
@@ -361,7 +382,7 @@ impl<'a, 'w> Chain<'a, 'w> {
             return Err(ChainError::Checkpoint);
         }
         let mut chain = Self::assemble(problem, checkpoint, memory)?;
-        let fits = |t: &(&Tallies, &Table)| t.0.len() == t.1.branches().len();
+        let fits = |t: &(&Tallies, &Table)| t.0.len() == t.1.len();
         if !chain.progress.tallies.iter().zip(&chain.tables).all(|t| fits(&t)) {
             return Err(ChainError::Checkpoint);
         }
@@ -373,6 +394,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     }
 
     /// Checks the problem and carves the memory.
+    #[inline(never)]
     fn assemble(
         problem: Problem<'a>,
         progress: Checkpoint,
@@ -479,7 +501,9 @@ impl<'a, 'w> Chain<'a, 'w> {
 
     fn try_branch(&mut self, branch: usize) -> Outcome {
         let stage = self.progress.stage;
-        let branch = self.tables[stage as usize].branches()[branch];
+        let Some(branch) = self.tables[stage as usize].branch(branch) else {
+            return Outcome::Failed;
+        };
         let current = &self.progress.state;
         let touched = branch.kind.touches();
         if branch.kind.is_search() {
@@ -620,9 +644,9 @@ impl<'a, 'w> Chain<'a, 'w> {
     }
 
     /// Acceptance per leaf of a stage.
-    pub fn tallies(&self, stage: Stage) -> impl Iterator<Item = (&Branch, Tally)> {
+    pub fn tallies(&self, stage: Stage) -> impl Iterator<Item = (Branch, Tally)> {
         let index = stage as usize;
-        self.tables[index].branches().iter().zip(self.progress.tallies[index].iter().copied())
+        self.tables[index].branches().zip(self.progress.tallies[index].iter().copied())
     }
 
     /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's

@@ -15,7 +15,7 @@ use crate::workspace::Carver;
 
 /// Words of memory [`Target`] needs; while it is made, [`background::HISTOGRAM_LEN`] more.
 pub const fn target_words(width: usize, height: usize) -> usize {
-    4 * LANES * chunks(width, height)
+    (LANES + 3 * LANES / 4) * chunks(width, height)
 }
 
 /// Words of memory of three numbers per pixel.
@@ -28,10 +28,13 @@ pub fn ln_normaliser(sd: f64) -> f64 {
     -1.5 * LN_2PI - 3.0 * math::ln(sd)
 }
 
+/// The 8-bit value of the colour 1.
+const WHITE: f32 = 255.0;
+
 /// The picture to be explained: colours, and the log density of each under the background.
 pub struct Target<'w> {
-    /// In `[0, 1]`.
-    colors: &'w mut [Planes],
+    /// 8-bit.
+    colors: &'w mut [[[u8; LANES]; 3]],
     ln_background: &'w mut [[f32; LANES]],
     /// Chunks per row.
     stride: usize,
@@ -42,20 +45,20 @@ impl<'w> Target<'w> {
     /// little.
     pub fn carve(carver: &mut Carver<'w>, pixels: &[[u8; 3]], width: usize) -> Option<Self> {
         let height = pixels.len().checked_div(width)?;
-        let colors = carver.planes(width, height)?;
-        let (ln_background, _) =
-            carver.floats(LANES * chunks(width, height))?.as_chunks_mut::<LANES>();
+        let count = chunks(width, height);
+        let colors = bytemuck::cast_slice_mut(carver.words(3 * LANES / 4 * count)?);
+        let (ln_background, _) = carver.floats(LANES * count)?.as_chunks_mut::<LANES>();
         let histogram = carver.scratch(background::HISTOGRAM_LEN)?;
         histogram.fill(0);
         background::count(pixels, histogram);
-        colors.fill([[0.0; LANES]; 3]);
+        colors.fill([[0; LANES]; 3]);
         ln_background.fill([0.0; LANES]);
         let stride = chunks(width, 1);
         for (y, row) in pixels.chunks_exact(width).enumerate() {
             for (x, &pixel) in row.iter().enumerate() {
                 let (chunk, lane) = (y * stride + x / LANES, x % LANES);
                 for (plane, c) in colors[chunk].iter_mut().zip(pixel) {
-                    plane[lane] = f32::from(c) / 255.0;
+                    plane[lane] = c;
                 }
                 let count = histogram[background::bin(pixel)];
                 ln_background[chunk][lane] = background::ln_density(count, pixels.len());
@@ -67,7 +70,7 @@ impl<'w> Target<'w> {
     /// Colour of a pixel; black outside the picture.
     pub fn color(&self, x: usize, y: usize) -> [f32; 3] {
         match self.colors.get(y * self.stride + x / LANES) {
-            Some(planes) => planes.map(|plane| plane[x % LANES]),
+            Some(planes) => planes.map(|plane| f32::from(plane[x % LANES]) / WHITE),
             None => [0.0; 3],
         }
     }
@@ -207,6 +210,10 @@ fn residual_of<I: Index>(
     target: &Target<'_>,
     limit: f64,
 ) -> Option<f64> {
+    // In the picture's 8-bit units.
+    let shader = &shader.scaled(WHITE);
+    let unit = f64::from(WHITE * WHITE);
+    let limit = limit * unit;
     let mut residual = 0.0_f64;
     let mut normals = [Planes::default(); BATCH];
     let mut albedo = [Planes::default(); BATCH];
@@ -255,7 +262,7 @@ fn residual_of<I: Index>(
             return None;
         }
     }
-    (residual <= limit).then_some(residual)
+    (residual <= limit).then_some(residual / unit)
 }
 
 /// Squared differences of a chunk's colours from the picture's.
@@ -264,12 +271,13 @@ fn differences(
     [nx, ny, nz]: Planes,
     [ar, ag, ab]: Planes,
     shader: &Shader,
-    [r, g, b]: Planes,
+    [r, g, b]: [[u8; LANES]; 3],
 ) -> [f32; LANES] {
     let mut squares = [0.0; LANES];
     for l in 0..LANES {
         let color = shader.color([nx[l], ny[l], nz[l]], [ar[l], ag[l], ab[l]]);
-        let d = [color[0] - r[l], color[1] - g[l], color[2] - b[l]];
+        let observed = [r[l], g[l], b[l]].map(f32::from);
+        let d = [color[0] - observed[0], color[1] - observed[1], color[2] - observed[2]];
         squares[l] = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     }
     squares

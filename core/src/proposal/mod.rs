@@ -348,27 +348,59 @@ pub struct Branch {
 
 /// A tree multiplied out: the leaves that apply, their probabilities summing to one.
 #[derive(Clone, Debug)]
-pub struct Table(heapless::Vec<Branch, MAX_LEAVES>);
+pub struct Table(heapless::Vec<Entry, MAX_LEAVES>);
+
+/// A [`Branch`] in little memory.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    leaf: &'static Tree,
+    centre: Option<u8>,
+    probability: f32,
+}
+
+impl Entry {
+    /// `None` of a tree that is no leaf.
+    fn branch(&self) -> Option<Branch> {
+        let Leaf(name, kind) = *self.leaf else { return None };
+        let centre = self.centre.map(usize::from);
+        Some(Branch { name, kind, centre, probability: self.probability })
+    }
+}
 
 impl Table {
     /// Flattens a tree, dropping what `applies` rejects and sharing its weight among the others of
     /// its mixture. `None` if there is nothing left, or more than [`MAX_LEAVES`].
-    pub fn new(tree: &Tree, applies: impl Fn(&Branch) -> bool) -> Option<Self> {
+    pub fn new(tree: &'static Tree, applies: impl Fn(&Branch) -> bool) -> Option<Self> {
         let mut table = Self(heapless::Vec::new());
         table.add(tree, 1.0, None, &applies)?;
         if table.0.is_empty() { None } else { Some(table) }
     }
 
     /// The leaves.
-    pub fn branches(&self) -> &[Branch] {
-        &self.0
+    pub fn branches(&self) -> impl Iterator<Item = Branch> {
+        self.0.iter().filter_map(Entry::branch)
+    }
+
+    /// Number of leaves.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Never: a table has leaves.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// A leaf by its index; `None` past the end.
+    pub fn branch(&self, index: usize) -> Option<Branch> {
+        self.0.get(index)?.branch()
     }
 
     /// Index of a leaf picked by its probability.
     pub fn pick(&self, rng: &mut Rng) -> usize {
         let mut u = rng.uniform();
-        for (index, branch) in self.0.iter().enumerate() {
-            u -= f64::from(branch.probability);
+        for (index, entry) in self.0.iter().enumerate() {
+            u -= f64::from(entry.probability);
             if u < 0.0 {
                 return index;
             }
@@ -378,21 +410,23 @@ impl Table {
 
     fn add(
         &mut self,
-        tree: &Tree,
+        tree: &'static Tree,
         probability: f32,
-        centre: Option<usize>,
+        centre: Option<u8>,
         applies: &dyn Fn(&Branch) -> bool,
     ) -> Option<()> {
         match *tree {
-            Leaf(name, kind) => {
-                let branch = Branch { name, kind, centre, probability };
-                if applies(&branch) {
-                    self.0.push(branch).ok()?;
+            Leaf(..) => {
+                let entry = Entry { leaf: tree, centre, probability };
+                if entry.branch().is_some_and(|branch| applies(&branch)) {
+                    self.0.push(entry).ok()?;
                 }
             }
-            Centred(landmark, inner) => self.add(inner, probability, Some(landmark), applies)?,
+            Centred(landmark, inner) => {
+                self.add(inner, probability, Some(landmark as u8), applies)?;
+            }
             Mixture(branches) => {
-                let alive = |tree: &Tree| any_applies(tree, centre, applies);
+                let alive = |tree: &'static Tree| any_applies(tree, centre, applies);
                 let total: f32 = branches.iter().filter(|b| alive(&b.1)).map(|b| b.0).sum();
                 for (weight, inner) in branches.iter().filter(|b| alive(&b.1)) {
                     self.add(inner, probability * weight / total, centre, applies)?;
@@ -403,10 +437,13 @@ impl Table {
     }
 }
 
-fn any_applies(tree: &Tree, centre: Option<usize>, applies: &dyn Fn(&Branch) -> bool) -> bool {
+fn any_applies(tree: &'static Tree, centre: Option<u8>, applies: &dyn Fn(&Branch) -> bool) -> bool {
     match *tree {
-        Leaf(name, kind) => applies(&Branch { name, kind, centre, probability: 0.0 }),
-        Centred(landmark, inner) => any_applies(inner, Some(landmark), applies),
+        Leaf(..) => {
+            let entry = Entry { leaf: tree, centre, probability: 0.0 };
+            entry.branch().is_some_and(|branch| applies(&branch))
+        }
+        Centred(landmark, inner) => any_applies(inner, Some(landmark as u8), applies),
         Mixture(branches) => branches.iter().any(|(_, tree)| any_applies(tree, centre, applies)),
     }
 }

@@ -39,6 +39,13 @@ impl Shader {
         [0, 1, 2].map(|c| m[c][0] * r + m[c][1] * g + m[c][2] * b + self.offset[c])
     }
 
+    /// The same, with colours `k` times as large.
+    #[must_use]
+    pub fn scaled(&self, k: f32) -> Self {
+        let mix = self.mix.map(|row| row.map(|m| k * m));
+        Self { light: self.light, mix, offset: self.offset.map(|o| k * o) }
+    }
+
     /// Radiance at a unit normal of the model's frame.
     pub fn radiance(&self, normal: [f32; 3]) -> [f32; 3] {
         self.light.radiance(normal)

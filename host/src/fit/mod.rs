@@ -311,7 +311,7 @@ fn acceptance(chain: &Chain<'_, '_>) -> Vec<Acceptance> {
     let mut all = Vec::new();
     for stage in [Stage::Landmarks, Stage::Image] {
         let mut by_name: BTreeMap<&str, usize> = BTreeMap::new();
-        for (&Branch { name, kind, .. }, tally) in chain.tallies(stage) {
+        for (Branch { name, kind, .. }, tally) in chain.tallies(stage) {
             let index = *by_name.entry(name).or_insert_with(|| {
                 let tally = Tally::default();
                 all.push(Acceptance { stage, name, search: kind.is_search(), tally });

@@ -86,6 +86,7 @@ pub fn model() -> Option<Model<'static>> {
 
 /// Fits the model to the photo in `memory` of [`WORDS`], or more where not `lean`. `None` if it
 /// is too short.
+#[inline(never)]
 pub fn fit(memory: &mut [u32], engine: &Engine, lean: bool) -> Option<Fitted> {
     let model = model()?;
     let config = Config {
@@ -110,7 +111,9 @@ pub fn fit(memory: &mut [u32], engine: &Engine, lean: bool) -> Option<Fitted> {
         engine,
         lean,
     };
-    let mut chain = Chain::new(problem, SEED, 0, memory).ok()?;
+    // Not moved out of the result: it is large.
+    let mut chain = Chain::new(problem, SEED, 0, memory);
+    let chain = chain.as_mut().ok()?;
     while chain.step().is_some() {}
     let scene = chain.best().scene.clone();
     let quality = chain.quality(&scene);
@@ -119,6 +122,7 @@ pub fn fit(memory: &mut [u32], engine: &Engine, lean: bool) -> Option<Fitted> {
 
 /// Draws the model under a hypothesis on the photo and hands the picture to `show`, rows of
 /// [`SIDE`] colours. `None` if `memory` is shorter than [`WORDS`].
+#[inline(never)]
 pub fn picture(memory: &mut [u32], scene: &Scene, show: impl FnOnce(&[[f32; 3]])) -> Option<()> {
     let (colors, rest) = memory.split_at_mut_checked(3 * PIXELS)?;
     let colors: &mut [[f32; 3]] = bytemuck::cast_slice_mut(colors);
@@ -137,6 +141,7 @@ pub const STAGES: [&str; 7] =
 
 /// Hash of what each of [`STAGES`] makes of a fixed hypothesis: where two machines differ first is
 /// the stage to look at. `None` if `memory` is shorter than [`WORDS`].
+#[inline(never)]
 pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]> {
     let model = model()?;
     let mut rng = Rng::new(SEED, 1);

@@ -1,0 +1,93 @@
+//! `cargo xtask device`: the firmware of tests/device on an emulated Cortex-M7. It must compute
+//! the golden bits within its memory; what it shows is saved as target/device.png.
+
+use crate::shell::{cargo, command, output, root, run as sh, target};
+use crate::{Outcome, no_arguments};
+use std::fs;
+use std::path::Path;
+
+const TARGET: &str = "thumbv7em-none-eabihf";
+const EMULATOR: &str = "qemu-system-arm";
+
+/// The command.
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    no_arguments(arguments)?;
+    check()
+}
+
+/// Builds, runs, compares.
+pub(crate) fn check() -> Outcome {
+    set_up()?;
+    let place = root().join("tests/device");
+    let built = target().join("device");
+    sh(cargo(["build", "--quiet", "--release", "--target-dir"]).arg(&built).current_dir(&place))?;
+    let program = built.join(TARGET).join("release/onescan-device");
+    let machine = ["-M", "mps2-an500", "-nographic", "-semihosting-config"];
+    let printed = output(
+        command(EMULATOR, machine).args(["enable=on,target=native", "-kernel"]).arg(program),
+    )?;
+
+    let golden = root().join("fixtures/golden/device.txt");
+    let golden = fs::read_to_string(&golden).map_err(|e| format!("{}: {e}", golden.display()))?;
+    let mut rows = Vec::new();
+    let mut found = printed.lines();
+    for expected in golden.lines() {
+        let line = found.next().unwrap_or("nothing");
+        if line != expected {
+            return Err(format!("the device computes {line}, every other target {expected}"));
+        }
+    }
+    println!("the device computes the golden bits: {}", golden.lines().last().unwrap_or_default());
+    for line in found {
+        match line.strip_prefix("row ") {
+            Some(row) => rows.push(row),
+            None => println!("{line} bytes"),
+        }
+    }
+    save(&rows, &target().join("device.png"))
+}
+
+/// The emulator and the compiler's target: there, or installed, or said how.
+fn set_up() -> Outcome {
+    let installed = output(&mut command("rustup", ["target", "list", "--installed"]))?;
+    if !installed.lines().any(|line| line == TARGET) {
+        sh(&mut command("rustup", ["target", "add", TARGET]))?;
+    }
+    if output(&mut command(EMULATOR, ["--version"])).is_err() {
+        let packages = ["install", "--yes", "--no-install-recommends", EMULATOR];
+        let install = sh(&mut command("apt-get", ["update"]))
+            .and_then(|()| sh(&mut command("apt-get", packages)));
+        install.map_err(|e| format!("{e}\ninstall {EMULATOR} (Debian: apt install {EMULATOR})"))?;
+    }
+    Ok(())
+}
+
+/// Rows of hexadecimal RGB565, little-endian, as a PNG, four times as large.
+fn save(rows: &[&str], path: &Path) -> Outcome {
+    const ZOOM: usize = 4;
+    let mut pixels = Vec::new();
+    for row in rows {
+        let bytes: Result<Vec<u8>, _> =
+            (0..row.len() / 2).map(|i| u8::from_str_radix(&row[2 * i..2 * i + 2], 16)).collect();
+        let bytes = bytes.map_err(|e| format!("row {row}: {e}"))?;
+        let row: Vec<u8> = bytes
+            .chunks_exact(2)
+            .map(|b| u16::from_le_bytes([b[0], b[1]]))
+            .map(|v| [v >> 11 << 3, (v >> 5 & 63) << 2, (v & 31) << 3].map(|c| c as u8))
+            .flat_map(|pixel| pixel.repeat(ZOOM))
+            .collect();
+        pixels.extend(row.repeat(ZOOM));
+    }
+    let height = ZOOM * rows.len();
+    let width = pixels.len() / (3 * height.max(1));
+    let fault = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+    let file = fs::File::create(path).map_err(|e| fault(&e))?;
+    let mut encoder = png::Encoder::new(file, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder
+        .write_header()
+        .and_then(|mut writer| writer.write_image_data(&pixels))
+        .map_err(|e| fault(&e))?;
+    println!("it shows {}", path.display());
+    Ok(())
+}
