@@ -56,6 +56,8 @@ pub(crate) fn check() -> Outcome {
 fn build(place: &Path) -> Outcome {
     let arguments = ["build", "--quiet", "--release", "--target", TARGET, "--target-dir"];
     let firmware = root().join("tests/device");
+    // Not of the workspace, so no other stage looks at it.
+    sh(cargo(["fmt", "--check"]).current_dir(&firmware))?;
     let has = || {
         let installed = output(&mut command("rustup", ["target", "list", "--installed"]));
         installed.is_ok_and(|list| list.lines().any(|line| line == TARGET))

@@ -1,6 +1,7 @@
 //! Developer commands: `cargo xtask help`.
 
 mod bench;
+mod c;
 mod determinism;
 mod device;
 mod fuzz;
@@ -40,6 +41,12 @@ const COMMANDS: &[Command] = &[
         usage: "determinism",
         about: "one small fit by debug, release and native builds: equal fingerprints",
         run: determinism::run,
+    },
+    Command {
+        name: "c",
+        usage: "c",
+        about: "the C library and its header, and C programs that fit to the golden fingerprint",
+        run: c::run,
     },
     Command {
         name: "device",

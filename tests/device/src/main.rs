@@ -7,11 +7,11 @@
 use core::fmt::Write as _;
 use cortex_m::singleton;
 use cortex_m_rt::entry;
-use cortex_m_semihosting::hio::{self, HostStream};
 use cortex_m_semihosting::debug;
+use cortex_m_semihosting::hio::{self, HostStream};
 use embedded_graphics::framebuffer::{Framebuffer, buffer_size};
-use embedded_graphics::pixelcolor::raw::{LittleEndian, RawU16};
 use embedded_graphics::pixelcolor::Rgb565;
+use embedded_graphics::pixelcolor::raw::{LittleEndian, RawU16};
 use onescan_case::{SIDE, WORDS, fit, picture, stages, write_golden};
 use onescan_core::draw::show;
 use onescan_core::engine::Engine;

@@ -1,0 +1,304 @@
+/* onescan: fit a 3D morphable model to a photo, in memory that the caller owns.
+ * Written by cbindgen from c/src/lib.rs. A whole program: c/example.c. */
+
+#ifndef ONESCAN_H
+#define ONESCAN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/*
+ The most landmarks a fit takes.
+ */
+#define ONESCAN_MAX_LANDMARKS 64
+
+/*
+ Numbers in an OnescanFit, eight bytes each.
+ */
+#define ONESCAN_FIT_LENGTH 3072
+
+/*
+ What became of a call.
+ */
+typedef enum {
+  /*
+   It did what it says.
+   */
+  ONESCAN_STATUS_OK = 0,
+  /*
+   A pointer is null that must not be.
+   */
+  ONESCAN_STATUS_NULL,
+  /*
+   The model's bytes do not start at a multiple of four.
+   */
+  ONESCAN_STATUS_MODEL_MISALIGNED,
+  /*
+   The bytes are not a model.
+   */
+  ONESCAN_STATUS_NOT_A_MODEL,
+  /*
+   The model has another format version.
+   */
+  ONESCAN_STATUS_MODEL_VERSION,
+  /*
+   The model's bytes are fewer or more than its header says.
+   */
+  ONESCAN_STATUS_MODEL_LENGTH,
+  /*
+   The model's bytes are damaged.
+   */
+  ONESCAN_STATUS_MODEL_DAMAGED,
+  /*
+   The picture is empty.
+   */
+  ONESCAN_STATUS_IMAGE,
+  /*
+   No landmarks, or more than ONESCAN_MAX_LANDMARKS.
+   */
+  ONESCAN_STATUS_LANDMARK_COUNT,
+  /*
+   A landmark that the model does not have, or a name that is not UTF-8.
+   */
+  ONESCAN_STATUS_UNKNOWN_LANDMARK,
+  /*
+   A landmark position that is not finite.
+   */
+  ONESCAN_STATUS_LANDMARK_POSITION,
+  /*
+   More coefficients than a fit infers.
+   */
+  ONESCAN_STATUS_RANK,
+  /*
+   A standard deviation that is not positive.
+   */
+  ONESCAN_STATUS_CONFIG,
+  /*
+   Too little memory.
+   */
+  ONESCAN_STATUS_MEMORY,
+} OnescanStatus;
+
+/*
+ How a fit is done. Begin with onescan_default_settings().
+ */
+typedef struct {
+  /*
+   Seed of all randomness.
+   */
+  uint64_t seed;
+  /*
+   Shape coefficients to infer, at most 200.
+   */
+  uint32_t shape_rank;
+  /*
+   Albedo coefficients to infer, at most 200.
+   */
+  uint32_t albedo_rank;
+  /*
+   Steps of the landmark stage.
+   */
+  uint32_t landmark_samples;
+  /*
+   Steps of the image stage.
+   */
+  uint32_t samples;
+  /*
+   Standard deviation of a landmark, pixels.
+   */
+  float landmark_sd;
+  /*
+   Standard deviation of a pixel's colour channel, of 1.
+   */
+  float pixel_sd;
+  /*
+   Pixels that share one independent error.
+   */
+  float pixel_patch;
+  /*
+   Whether to search for the best fit; otherwise the chain samples the posterior.
+   */
+  bool search;
+  /*
+   Whether memory is scarcer than time: less than half of it, same result.
+   */
+  bool lean;
+} OnescanSettings;
+
+/*
+ What a model holds.
+ */
+typedef struct {
+  /*
+   Vertices.
+   */
+  uint32_t vertices;
+  /*
+   Triangles.
+   */
+  uint32_t triangles;
+  /*
+   Components of the shape.
+   */
+  uint32_t shape_rank;
+  /*
+   Components of the albedo.
+   */
+  uint32_t albedo_rank;
+  /*
+   Landmarks.
+   */
+  uint32_t landmarks;
+} OnescanModelInfo;
+
+/*
+ A fit. Allocate it anywhere and do not move it between calls.
+ */
+typedef struct {
+  /*
+   The library's.
+   */
+  uint64_t storage[ONESCAN_FIT_LENGTH];
+} OnescanFit;
+
+/*
+ A landmark in the picture.
+ */
+typedef struct {
+  /*
+   Its name in the model.
+   */
+  const char *name;
+  /*
+   Pixels to the right of the centre of the upper left pixel.
+   */
+  float x;
+  /*
+   Pixels below it.
+   */
+  float y;
+} OnescanLandmark;
+
+/*
+ How far a fit is, and how good.
+ */
+typedef struct {
+  /*
+   Steps done.
+   */
+  uint32_t done;
+  /*
+   Steps in all.
+   */
+  uint32_t total;
+  /*
+   Hash of every accepted state: equal on every machine.
+   */
+  uint64_t fingerprint;
+  /*
+   Log posterior density of the best state, up to a constant.
+   */
+  double best;
+} OnescanProgress;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/*
+ What a status means, in English; a number that is no status has a text, too.
+ */
+const char *onescan_status_text(uint32_t status);
+
+/*
+ The settings of the paper's face fit.
+ */
+OnescanSettings onescan_default_settings(void);
+
+/*
+ Checks a model's bytes, which must start at a multiple of four.
+
+ # Safety
+ `model` points to `bytes` bytes or is null; `info` to a OnescanModelInfo or is null.
+ */
+OnescanStatus onescan_model_info(const uint8_t *model, size_t bytes, OnescanModelInfo *info);
+
+/*
+ Words (4 bytes) of memory of a fit. 0 if a pointer is null.
+
+ # Safety
+ `info` and `settings` point to what they say or are null.
+ */
+size_t onescan_words(const OnescanModelInfo *info,
+                     const OnescanSettings *settings,
+                     size_t landmarks,
+                     uint32_t width,
+                     uint32_t height);
+
+/*
+ Starts a fit. `rgb` are `3 * width * height` bytes, rows from the top. Nothing is copied:
+ model, picture, landmark names and memory must stay as long as the fit is used.
+
+ # Safety
+ Pointers point to as many things as the numbers beside them say, or are null.
+ */
+OnescanStatus onescan_start(OnescanFit *fit,
+                            const uint8_t *model,
+                            size_t model_bytes,
+                            const uint8_t *rgb,
+                            uint32_t width,
+                            uint32_t height,
+                            const OnescanLandmark *landmarks,
+                            size_t landmark_count,
+                            const OnescanSettings *settings,
+                            uint32_t *memory,
+                            size_t memory_words);
+
+/*
+ Makes up to `steps` steps; how many it made. 0: the fit is done.
+
+ # Safety
+ `fit` is null or was started, with OnescanStatus::Ok.
+ */
+uint32_t onescan_step(OnescanFit *fit, uint32_t steps);
+
+/*
+ How far a fit is.
+
+ # Safety
+ `fit` is null or was started, with OnescanStatus::Ok; `progress` points to a OnescanProgress or is null.
+ */
+OnescanStatus onescan_progress(OnescanFit *fit,
+                               OnescanProgress *progress);
+
+/*
+ Draws the best state so far over a picture of the fit's size, `3 * width * height` numbers of
+ 0 to 1; what the model does not cover stays. `memory` is other memory than the fit's, as large
+ as that of a lean fit.
+
+ # Safety
+ As the pointers of onescan_start.
+ */
+OnescanStatus onescan_draw(OnescanFit *fit, float *colors, uint32_t *memory, size_t memory_words);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* ONESCAN_H */
+
+/* Words of memory of a fit, for static arrays: what onescan_words() says of these sizes. `lean` is
+ * 0 or 1. */
+#define ONESCAN_WORDS(vertices, shape_rank, albedo_rank, landmarks, width, height, lean)           \
+  (28 * ONESCAN_CHUNKS(width, height) +                                                            \
+   ONESCAN_MAX(15625,                                                                              \
+               ((lean) ? 1 : 2) * (12 * ONESCAN_PADDED(vertices) + 65 * ONESCAN_CHUNKS(width, height)) + \
+                   4 * ONESCAN_PADDED(vertices) +                                                  \
+                   ((lean) ? 0 : 96) * ONESCAN_CHUNKS(width, height) +                             \
+                   3 * (landmarks) * (1 + (shape_rank)) +                                          \
+                   ONESCAN_SYSTEM(ONESCAN_MAX((shape_rank) + 7, (albedo_rank) + 27))))
+#define ONESCAN_MAX(a, b) ((a) > (b) ? (a) : (b))
+#define ONESCAN_CHUNKS(width, height) (((size_t)(width) + 15) / 16 * (height))
+#define ONESCAN_PADDED(vertices) (((size_t)(vertices) + 31) / 32 * 32)
+#define ONESCAN_SYSTEM(n) (((size_t)(n) + 8) * (((size_t)(n) + 15) / 16 * 16) + 3 * (n))

@@ -1,0 +1,43 @@
+//! `cargo xtask c`: the C library, and what C programs make of it.
+
+use crate::shell::{cargo, command, output, root, run as sh, target};
+use crate::{Outcome, no_arguments};
+use std::fs;
+
+/// The command.
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    no_arguments(arguments)?;
+    check()
+}
+
+/// Builds the library (which writes its header) and runs the programs.
+pub(crate) fn check() -> Outcome {
+    // Not of the workspace, so no other stage looks at it.
+    let (place, built) = (root().join("c"), target().join("c"));
+    sh(cargo(["fmt", "--check"]).current_dir(&place))?;
+    let clippy = ["clippy", "--quiet", "--target-dir"];
+    sh(cargo(clippy).arg(&built).args(["--", "-D", "warnings"]).current_dir(&place))?;
+    let build = ["build", "--quiet", "--release", "--target-dir"];
+    sh(cargo(build).arg(&built).current_dir(&place))?;
+    let library = built.join("release/libonescan.a");
+    let compile = |source: &str, program: &str| {
+        let program = built.join(program);
+        let strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-Ic/include"];
+        sh(command("gcc", strict).arg(source).arg(&library).arg("-o").arg(&program))?;
+        Ok::<_, String>(program)
+    };
+    let case = root().join("fixtures/device");
+    let errors = compile("tests/c/errors.c", "errors")?;
+    sh(command(errors, [case.join("face.3dmm")]).current_dir(&case))?;
+    let example = compile("c/example.c", "example")?;
+    let inputs = ["face.3dmm", "photo.ppm", "photo.tlms"].map(|name| case.join(name));
+    let found = output(&mut command(example, inputs))?;
+    let golden = root().join("fixtures/golden/device.txt");
+    let golden = fs::read_to_string(&golden).map_err(|e| format!("{}: {e}", golden.display()))?;
+    let expected = golden.lines().last().unwrap_or_default();
+    if found.trim_end() != expected {
+        return Err(format!("C computes {found}every other target {expected}"));
+    }
+    println!("C computes the golden {expected}");
+    Ok(())
+}
