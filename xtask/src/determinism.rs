@@ -1,7 +1,7 @@
 //! `cargo xtask determinism`: builds of every kind give the same fit, to the last bit.
 
 use crate::shell::{cargo, command, output, root, run as sh, target};
-use crate::{Outcome, no_arguments};
+use crate::{Outcome, no_arguments, wasm};
 use std::fs;
 use std::path::Path;
 
@@ -64,7 +64,7 @@ pub(crate) fn check() -> Outcome {
         found.push(fingerprint);
     }
     if found.iter().all(|fingerprint| *fingerprint == found[0]) {
-        Ok(())
+        wasm::check()
     } else {
         Err("the builds disagree: somewhere the core's bits depend on how it was compiled".into())
     }

@@ -2,15 +2,13 @@
 //! the golden bits within its memory; what it shows is saved as target/device.png.
 
 use crate::shell::{cargo, command, output, root, run as sh, target};
+use crate::targets::{Cross, install};
 use crate::{Outcome, no_arguments};
 use std::fs;
 use std::path::Path;
 
 const TARGET: &str = "thumbv7em-none-eabihf";
 const EMULATOR: &str = "qemu-system-arm";
-const DEBIAN_CARGO: &str = "/usr/bin/cargo";
-const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
-const DEBIAN_LINKER: &str = "/usr/bin/ld.lld-19";
 
 /// The command.
 pub(crate) fn run(arguments: &[String]) -> Outcome {
@@ -21,7 +19,17 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 /// Builds, runs, compares.
 pub(crate) fn check() -> Outcome {
     let built = target().join("device");
-    build(&built)?;
+    let crate_ = root().join("tests/device");
+    // Not of the workspace, so no other stage looks at it.
+    sh(cargo(["fmt", "--check"]).current_dir(&crate_))?;
+    let firmware = Cross {
+        target: TARGET,
+        crate_: &crate_,
+        arguments: &["build"],
+        flags: "-C link-arg=-Tlink.x -C target-cpu=cortex-m7",
+        debian_flags: "-C linker=ld.lld-19 -C linker-flavor=ld.lld",
+    };
+    firmware.build(&built)?;
     if output(&mut command(EMULATOR, ["--version"])).is_err() {
         install(&[EMULATOR])?;
     }
@@ -49,49 +57,6 @@ pub(crate) fn check() -> Outcome {
         }
     }
     save(&rows, &target().join("device.png"))
-}
-
-/// Compiles the firmware with rustup's target or, where rustup has none and cannot load it, with
-/// Debian's compiler and a core library built on the spot.
-fn build(place: &Path) -> Outcome {
-    let arguments = ["build", "--quiet", "--release", "--target", TARGET, "--target-dir"];
-    let firmware = root().join("tests/device");
-    // Not of the workspace, so no other stage looks at it.
-    sh(cargo(["fmt", "--check"]).current_dir(&firmware))?;
-    let has = || {
-        let installed = output(&mut command("rustup", ["target", "list", "--installed"]));
-        installed.is_ok_and(|list| list.lines().any(|line| line == TARGET))
-    };
-    if has() || sh(&mut command("rustup", ["target", "add", TARGET])).is_ok() && has() {
-        return sh(cargo(arguments).arg(place).current_dir(firmware));
-    }
-    println!("rustup cannot load {TARGET}: trying Debian's compiler");
-    if !Path::new(DEBIAN_RUSTC).exists() || !Path::new(DEBIAN_LINKER).exists() {
-        install(&["rustc-web", "cargo-web", "rust-web-src", "lld-19"])?;
-    }
-    sh(command(DEBIAN_CARGO, arguments)
-        .arg(place)
-        .args(["-Z", "build-std=core,alloc,compiler_builtins"])
-        .current_dir(firmware)
-        .env_remove("RUSTUP_TOOLCHAIN")
-        .env("RUSTC", DEBIAN_RUSTC)
-        .env("RUSTC_BOOTSTRAP", "1")
-        .env(
-            "RUSTFLAGS",
-            "-C link-arg=-Tlink.x -C target-cpu=cortex-m7 -C linker=ld.lld-19 \
-             -C linker-flavor=ld.lld",
-        ))
-}
-
-/// Installs Debian packages, or says what to install.
-fn install(packages: &[&str]) -> Outcome {
-    let names = packages.join(" ");
-    sh(&mut command("apt-get", ["update"]))
-        .and_then(|()| {
-            let install = ["install", "--yes", "--no-install-recommends"];
-            sh(command("apt-get", install).args(packages))
-        })
-        .map_err(|e| format!("{e}\ninstall by hand what Debian calls {names}"))
 }
 
 /// Rows of hexadecimal RGB565, little-endian, as a PNG, four times as large.

@@ -9,7 +9,9 @@ mod golden;
 mod no_std;
 mod shell;
 mod synthetic;
+mod targets;
 mod test;
+mod wasm;
 
 use std::process::ExitCode;
 
@@ -39,7 +41,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "determinism",
         usage: "determinism",
-        about: "one small fit by debug, release and native builds: equal fingerprints",
+        about: "one small fit by debug, release, native and WebAssembly builds: equal fingerprints",
         run: determinism::run,
     },
     Command {

@@ -1,0 +1,78 @@
+// Fits the case of tests/case in WebAssembly by the C library's functions and prints its
+// fingerprint: node case.mjs LIBRARY.wasm CASE_DIRECTORY
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
+
+const [library, place] = process.argv.slice(2);
+const { instance } = await WebAssembly.instantiate(readFileSync(library), {});
+const { memory, ...onescan } = instance.exports;
+
+// Memory of ours: pages beyond the library's.
+let free = 0;
+let end = 0;
+function allocate(bytes) {
+  free = (free + 7) & ~7;
+  if (free + bytes > end) {
+    const pages = Math.ceil(bytes / 65536) + 1;
+    const start = memory.grow(pages) * 65536;
+    if (start !== end) free = start;
+    end = start + pages * 65536;
+  }
+  free += bytes;
+  return free - bytes;
+}
+function put(bytes) {
+  const at = allocate(bytes.length);
+  new Uint8Array(memory.buffer).set(bytes, at);
+  return at;
+}
+const view = () => new DataView(memory.buffer);
+const text = (at) => {
+  const bytes = new Uint8Array(memory.buffer);
+  return new TextDecoder().decode(bytes.slice(at, bytes.indexOf(0, at)));
+};
+function check(status, what) {
+  if (status !== 0) throw new Error(`${what}: ${text(onescan.onescan_status_text(status))}`);
+}
+
+const model = readFileSync(join(place, "face.3dmm"));
+const header = "P6\n64 64\n255\n";
+const rgb = readFileSync(join(place, "photo.ppm")).subarray(header.length);
+const lines = readFileSync(join(place, "photo.tlms"), "utf8").trim().split("\n");
+
+const modelAt = put(model);
+const rgbAt = put(rgb);
+const names = lines.map((line) => put(new TextEncoder().encode(`${line.split(" ")[0]}\0`)));
+const landmarks = allocate(12 * lines.length);
+lines.forEach((line, i) => {
+  const [, , x, y] = line.split(" ");
+  view().setUint32(landmarks + 12 * i, names[i], true);
+  view().setFloat32(landmarks + 12 * i + 4, Number(x), true);
+  view().setFloat32(landmarks + 12 * i + 8, Number(y), true);
+});
+
+const info = allocate(20);
+check(onescan.onescan_model_info(modelAt, model.length, info), "model");
+const settings = allocate(40);
+onescan.onescan_default_settings(settings);
+view().setUint32(settings + 8, 30, true); // shape_rank
+view().setUint32(settings + 12, 30, true); // albedo_rank
+view().setUint32(settings + 16, 1000, true); // landmark_samples
+view().setUint32(settings + 20, 2000, true); // samples
+view().setFloat32(settings + 24, 1, true); // landmark_sd
+view().setFloat32(settings + 32, 5, true); // pixel_patch
+
+const words = onescan.onescan_words(info, settings, lines.length, 64, 64);
+const room = allocate(4 * words);
+const fit = allocate(8 * 3072);
+check(
+  onescan.onescan_start(
+    fit, modelAt, model.length, rgbAt, 64, 64, landmarks, lines.length, settings, room, words,
+  ),
+  "start",
+);
+while (onescan.onescan_step(fit, 500) > 0);
+const progress = allocate(24);
+check(onescan.onescan_progress(fit, progress), "progress");
+const fingerprint = view().getBigUint64(progress + 8, true);
+console.log(`fingerprint ${fingerprint.toString(16).padStart(16, "0")}`);
