@@ -15,7 +15,7 @@ pub(crate) fn check() -> Outcome {
     // Not of the workspace, so no other stage looks at it.
     let (place, built) = (root().join("c"), target().join("c"));
     sh(cargo(["fmt", "--check"]).current_dir(&place))?;
-    let clippy = ["clippy", "--quiet", "--target-dir"];
+    let clippy = ["clippy", "--quiet", "--release", "--target-dir"];
     sh(cargo(clippy).arg(&built).args(["--", "-D", "warnings"]).current_dir(&place))?;
     let build = ["build", "--quiet", "--release", "--target-dir"];
     sh(cargo(build).arg(&built).current_dir(&place))?;
