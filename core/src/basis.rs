@@ -7,7 +7,8 @@
 //! registers. Every entry is one sum in component order, whatever the vector width.
 //!
 //! An instance is bounded by memory, so entries are 16-bit integers in units of their component's
-//! *quantum*: 1/32767 of its largest entry, which is far below what its samples differ by.
+//! *quantum*: 1/32767 of its largest entry, which is far below what its samples differ by (or a
+//! coarser one, for files that compress better).
 
 /// Field entries per block of the basis.
 pub const LANES: usize = 32;

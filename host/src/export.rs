@@ -63,7 +63,7 @@ pub struct HalfReport {
 /// assumed to be spread over the vertices like what it holds.
 ///
 /// # Errors
-/// When the mesh cannot be decimated so far.
+/// When the mesh cannot be decimated so far, or the smaller covariance resists decomposition.
 pub fn export(model: &OwnedModel, options: &ExportOptions) -> Result<Exported> {
     let view = model.view();
     let mean = |basis: &Basis<'_>, v: u32| {
@@ -102,19 +102,27 @@ pub fn export(model: &OwnedModel, options: &ExportOptions) -> Result<Exported> {
         .collect();
 
     let decimated = kept.len() < view.vertices();
-    let halves = [(&view.shape, options.shape_rank), (&view.albedo, options.albedo_rank)]
-        .map(|(basis, rank)| Reduced::new(basis, &kept, rank, decimated));
+    let halves = [
+        Reduced::new(&view.shape, &kept, options.shape_rank, decimated)?,
+        Reduced::new(&view.albedo, &kept, options.albedo_rank, decimated)?,
+    ];
     let means = [&view.shape, &view.albedo]
         .map(|basis| kept.iter().map(|&v| mean(basis, v)).collect::<Vec<_>>());
-    let levels = i16::MAX >> (16 - options.bits.clamp(2, 16));
+    let bits = options.bits.clamp(2, 16);
+    let levels = i16::MAX >> (16 - bits);
+    // What an earlier export said no longer holds.
+    let origin: String = view
+        .provenance()
+        .lines()
+        .filter(|line| !line.starts_with("exported_"))
+        .map(|line| line.to_string() + "\n")
+        .collect();
     let provenance = format!(
-        "{}exported_vertices = {}\nexported_shape_rank = {}\nexported_albedo_rank = {}\n\
-         exported_bits = {}\n",
-        view.provenance(),
+        "{origin}exported_vertices = {}\nexported_shape_rank = {}\nexported_albedo_rank = {}\n\
+         exported_bits = {bits}\n",
         kept.len(),
         halves[0].variances.len(),
         halves[1].variances.len(),
-        options.bits,
     );
     let parts = ModelParts {
         shape: Half { mean: &means[0], deviation: &halves[0] },
@@ -158,7 +166,7 @@ struct Reduced {
 }
 
 impl Reduced {
-    fn new(basis: &Basis<'_>, kept: &[u32], rank: usize, decimated: bool) -> Self {
+    fn new(basis: &Basis<'_>, kept: &[u32], rank: usize, decimated: bool) -> Result<Self> {
         let plane = basis.mean().len() / 3;
         let rank = rank.min(basis.rank());
         let entry = |k: usize, channel: usize, v: u32| {
@@ -169,41 +177,39 @@ impl Reduced {
                 .map(|k| [0, 1, 2].map(|c| kept.iter().map(|&v| entry(k, c, v)).collect()))
                 .collect();
             let variances = basis.variance()[..rank].iter().map(|&v| f64::from(v)).collect();
-            return Self { variances, total_variance: basis.total_variance(), columns };
+            return Ok(Self { variances, total_variance: basis.total_variance(), columns });
         }
         // B Bᵀ u = λ u with B the rows that are left: from the small BᵀB w = λ w, √λ u = B w.
         let rows = Mat::from_fn(3 * kept.len(), basis.rank(), |i, k| {
             entry(k, i / kept.len(), kept[i % kept.len()])
         });
         let gram = rows.transpose() * &rows;
-        // The lower half is read; it is symmetric and finite.
-        let eigen = gram.self_adjoint_eigen(Side::Lower).ok();
-        let vectors = eigen.as_ref().map(|e| e.U().reverse_cols().to_owned());
-        let order: Vec<f64> = eigen
-            .as_ref()
-            .map(|e| e.S().column_vector().iter().rev().copied().collect())
-            .unwrap_or_default();
+        let eigen = gram.self_adjoint_eigen(Side::Lower).map_err(|_| {
+            Error::new("the eigenvalues of the smaller model do not converge; keep more vertices")
+        })?;
+        // Ascending; the leading components are wanted first.
+        let order: Vec<f64> = eigen.S().column_vector().iter().rev().copied().collect();
+        let vectors = eigen.U().reverse_cols();
         let before: f64 = basis.variance().iter().map(|&v| f64::from(v)).sum();
         let after: f64 = order.iter().sum();
-        let mut columns = Vec::new();
-        if let Some(vectors) = vectors {
-            let components = &rows * vectors.subcols(0, rank);
-            for k in 0..rank {
+        let components = &rows * vectors.subcols(0, rank);
+        let columns = (0..rank)
+            .map(|k| {
                 let column: Vec<f64> = components.col(k).iter().copied().collect();
                 let leader =
                     column.iter().fold(0.0_f64, |m, x| if x.abs() > m.abs() { *x } else { m });
                 let sign = leader.signum();
-                columns.push([0, 1, 2].map(|c| {
+                [0, 1, 2].map(|c| {
                     let channel = &column[c * kept.len()..(c + 1) * kept.len()];
                     channel.iter().map(|x| sign * x).collect()
-                }));
-            }
-        }
-        Self {
+                })
+            })
+            .collect();
+        Ok(Self {
             variances: order.into_iter().take(rank).map(|v| v.max(0.0)).collect(),
             total_variance: basis.total_variance() * fraction(after, before),
             columns,
-        }
+        })
     }
 
     /// Root mean square error of an entry when each component has so many levels, relative to the

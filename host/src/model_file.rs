@@ -12,6 +12,7 @@ use onescan_core::hash::fnv64;
 use onescan_core::model::{
     CHECKED_FROM, HEADER_BYTES, MAGIC, Model, SECTION_ALIGN, Section, TABLE_AT, VERSION,
 };
+use onescan_core::render::rasterize::MAX_TRIANGLES;
 use rayon::prelude::*;
 use std::io::Write;
 use std::path::Path;
@@ -140,8 +141,14 @@ impl ModelParts<'_> {
     /// The bytes of the model file.
     ///
     /// # Errors
-    /// When a basis exceeds the 4 GiB a section may have.
+    /// When a basis exceeds the 4 GiB a section may have, and of too many triangles.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        if self.triangles.len() > MAX_TRIANGLES {
+            return Err(Error::new(format_args!(
+                "{} triangles are more than the {MAX_TRIANGLES} a model holds; simplify the mesh",
+                self.triangles.len()
+            )));
+        }
         let vertices = self.shape.mean.len();
         let small = vertices <= 1 << 16;
         let triangles = self.triangles.as_flattened();

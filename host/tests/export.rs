@@ -93,6 +93,12 @@ fn lower_ranks_and_fewer_bits_leave_the_leading_components() {
     assert!(report.halves[0].rounding > 0.0 && report.halves[0].rounding < 0.01);
     assert!(report.halves[0].captured[1] < report.halves[0].captured[0]);
 
+    // Of an export of an export, the last counts.
+    let Exported { model: again, .. } = export(&small, &ExportOptions { bits: 4, ..ALL }).unwrap();
+    let bits: Vec<_> =
+        again.view().provenance().lines().filter(|l| l.starts_with("exported_bits")).collect();
+    assert_eq!(bits, ["exported_bits = 4"]);
+
     let Exported { model: same, .. } = export(&model, &ALL).unwrap();
     let same = same.view();
     for k in [0, 5, 40] {

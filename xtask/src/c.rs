@@ -1,6 +1,7 @@
 //! `cargo xtask c`: the C library, and what C programs make of it.
 
 use crate::shell::{cargo, command, output, root, run as sh, target};
+use crate::targets::install;
 use crate::{Outcome, no_arguments};
 use std::fs;
 
@@ -20,6 +21,9 @@ pub(crate) fn check() -> Outcome {
     let build = ["build", "--quiet", "--release", "--target-dir"];
     sh(cargo(build).arg(&built).current_dir(&place))?;
     let library = built.join("release/libonescan.a");
+    if output(&mut command("gcc", ["--version"])).is_err() {
+        install(&["gcc", "libc6-dev"])?;
+    }
     let compile = |source: &str, program: &str| {
         let program = built.join(program);
         let strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-Ic/include"];

@@ -8,18 +8,16 @@ const WRITE: &str = "ONESCAN_GOLDEN";
 
 /// The command. The models stay unless asked for: they are large, and rarely the reason.
 pub(crate) fn run(arguments: &[String]) -> Outcome {
-    let what = match arguments {
-        [] => "results",
-        [flag] if flag == "--model" => "model",
-        [flag] if flag == "--device" => "device",
+    // The device's inputs are compiled in, so its results are another run's.
+    let runs = match arguments {
+        [] => [("golden", "results"), ("device", "results")],
+        [flag] if flag == "--model" => [("golden", "model"), ("device", "results")],
+        [flag] if flag == "--device" => [("device", "device"), ("device", "results")],
         _ => return Err("expected nothing, --model or --device".into()),
     };
     let test = ["test", "--release", "--package", "onescan-tests", "--test"];
-    // The device's inputs are compiled in, so they come first.
-    for (name, what) in [("device", "device"), ("golden", what), ("device", "results")] {
-        if name == "golden" || what == "results" || arguments == ["--device"] {
-            sh(cargo(test).arg(name).env(WRITE, what))?;
-        }
+    for (name, what) in runs {
+        sh(cargo(test).arg(name).env(WRITE, what))?;
     }
     println!("now read `git diff --stat fixtures`, and say in the commit why they changed");
     Ok(())

@@ -2,8 +2,8 @@
 //!
 //! Each stage is a function from slices to slices, so that the chain reruns only what a move has
 //! touched. Rasterizing finds the visible triangle of every pixel; shading interpolates normal and
-//! albedo there and lights them. Both are kept per pixel, so that new light needs neither new
-//! geometry nor new interpolation, and new albedo only the latter.
+//! albedo there and lights them. What is visible is kept, so that new albedo and new light need no
+//! new geometry; the chain also keeps what was interpolated, for new light.
 //!
 //! A picture's rows are padded to whole chunks of [`LANES`] pixels, and everything per pixel is
 //! computed a chunk at a time.
@@ -60,14 +60,11 @@ pub fn draw(
     let mut frame = Frame::carve(&mut carve, width, height)?;
 
     model.shape.instance(&scene.shape, positions);
-    // Memory for the window coordinates, not needed before.
-    let quads = window;
-    mesh::vertex_normals(model.triangles, positions, quads);
-    let none = core::iter::repeat([0.0; 4]);
-    shade::join(quads.iter().copied(), none, attributes);
-    model.albedo.instance(&scene.albedo, quads);
-    shade::set_albedo(quads, attributes);
-    let window = quads;
+    // Normals and albedo pass through the memory of the window coordinates, which come last.
+    mesh::vertex_normals(model.triangles, positions, window);
+    shade::set_normals(window, attributes);
+    model.albedo.instance(&scene.albedo, window);
+    shade::set_albedo(window, attributes);
     project::project(scene, positions, window);
     rasterize::rasterize(model.triangles, window, &mut frame);
     let shader = Shader::new(scene);

@@ -8,8 +8,8 @@
 //! The few triangles that need more than 4×4 pixels, or that leave the picture, are filled one
 //! by one.
 //!
-//! Visible surfaces are kept as (triangle, parts of its corners) per pixel and not as colours, so that new
-//! colours need no new rasterization.
+//! Visible surfaces are kept as (triangle, parts of its corners) per pixel and not as colours, so
+//! that new colours need no new rasterization.
 //!
 //! There are no cracks: window coordinates lie on a 1/256 grid, so differences of coordinates are
 //! exact, and of two edge functions with a common edge one subtracts the very products that the

@@ -13,7 +13,7 @@ use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::likelihood::pixels::{Coverage, Known, Surface, Target};
 use onescan_core::model::Model;
-use onescan_core::render::shade::{Shader, join, set_albedo};
+use onescan_core::render::shade::{Shader, set_albedo, set_normals};
 use onescan_core::render::{draw, draw_words, rasterize};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
@@ -164,7 +164,7 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     let instance = hash(positions.as_flattened());
     (engine.normals)(model.triangles, positions, window);
     let normals = hash(window.as_flattened());
-    join(window.iter().copied(), core::iter::repeat([0.0; 4]), attributes);
+    set_normals(window, attributes);
     (engine.instance)(&model.albedo, &scene.albedo, window);
     let albedo = hash(window.as_flattened());
     set_albedo(window, attributes);
