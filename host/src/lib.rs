@@ -14,17 +14,28 @@
 //! | the demo, the benchmark | [`demo`], [`mod@bench`] |
 //! | the core's stages for wide vectors | [`simd`] |
 //! | files, errors, progress | [`files`], [`error`], [`progress`] |
+//!
+//! Without the feature `full` only that remains which a web page needs: no building of models, no
+//! files, no command.
 
+#[cfg(feature = "full")]
 pub mod bench;
+#[cfg(feature = "full")]
 pub mod build;
+#[cfg(feature = "full")]
 pub mod decimate;
+#[cfg(feature = "full")]
 pub mod decompose;
+#[cfg(feature = "full")]
 pub mod demo;
 pub mod error;
+#[cfg(feature = "full")]
 pub mod export;
+#[cfg(feature = "full")]
 pub mod files;
 pub mod fit;
 pub mod glb;
+#[cfg(feature = "full")]
 pub mod kernel;
 pub mod landmarks;
 pub mod mesh;
@@ -32,10 +43,12 @@ pub mod model_file;
 pub mod photo;
 pub mod picture;
 pub mod ply;
+#[cfg(feature = "full")]
 pub mod progress;
 pub mod render;
 pub mod report;
 pub mod rps;
+#[cfg(feature = "full")]
 pub mod simd;
 pub mod summary;
 pub mod tlms;

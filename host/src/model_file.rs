@@ -2,8 +2,8 @@
 //!
 //! The layout is documented with its reader, [`onescan_core::model`].
 
-use crate::decompose::Decomposition;
 use crate::error::{Error, Result};
+#[cfg(feature = "full")]
 use crate::files::write_atomically;
 use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
@@ -14,6 +14,7 @@ use onescan_core::model::{
 };
 use onescan_core::render::rasterize::MAX_TRIANGLES;
 use rayon::prelude::*;
+#[cfg(feature = "full")]
 use std::io::Write;
 use std::path::Path;
 
@@ -43,8 +44,8 @@ impl OwnedModel {
     /// None for a mesh that keeps its guarantees.
     pub fn rigid(mesh: &Mesh, landmarks: &[Landmark]) -> Result<Self> {
         let parts = ModelParts {
-            shape: Half { mean: &mesh.points, deviation: &Decomposition::NONE },
-            albedo: Half { mean: &mesh.colors, deviation: &Decomposition::NONE },
+            shape: Half { mean: &mesh.points, deviation: &Rigid },
+            albedo: Half { mean: &mesh.colors, deviation: &Rigid },
             triangles: &mesh.triangles,
             landmarks,
             provenance: "",
@@ -66,6 +67,7 @@ impl OwnedModel {
     ///
     /// # Errors
     /// See [`write_atomically`].
+    #[cfg(feature = "full")]
     pub fn write(&self, path: &Path) -> Result<()> {
         write_atomically(path, |out| out.write_all(self.bytes()))
     }
@@ -105,18 +107,20 @@ pub trait Deviation: Sync {
     fn column(&self, k: usize, channel: usize) -> (f64, &[f64]);
 }
 
-impl Deviation for Decomposition {
+/// No deviation at all.
+struct Rigid;
+
+impl Deviation for Rigid {
     fn variances(&self) -> &[f64] {
-        &self.variances
+        &[]
     }
 
     fn total_variance(&self) -> f64 {
-        self.total_variance
+        0.0
     }
 
-    fn column(&self, k: usize, channel: usize) -> (f64, &[f64]) {
-        let (direction, vector) = self.column(k);
-        (self.variances[k].sqrt() * direction[channel], vector)
+    fn column(&self, _: usize, _: usize) -> (f64, &[f64]) {
+        (0.0, &[])
     }
 }
 

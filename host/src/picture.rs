@@ -4,11 +4,12 @@
 //! All arithmetic is on integers, so a picture has the same bytes on every machine.
 
 use crate::error::{Error, Result};
+#[cfg(feature = "full")]
 use crate::files::write_atomically;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
-use std::io::Write;
-use std::path::Path;
+#[cfg(feature = "full")]
+use std::{io::Write, path::Path};
 
 /// A colour as stored in files: sRGB, 8 bits per channel.
 pub type Rgb = [u8; 3];
@@ -173,6 +174,7 @@ impl Picture {
     ///
     /// # Errors
     /// A picture without pixels, a file that cannot be written.
+    #[cfg(feature = "full")]
     pub fn write_png(&self, path: &Path) -> Result<()> {
         let bytes = self.to_png()?;
         write_atomically(path, |out| out.write_all(&bytes))

@@ -2,7 +2,7 @@
 //! the golden bits within its memory; what it shows is saved as target/device.png.
 
 use crate::shell::{cargo, command, output, root, run as sh, target};
-use crate::targets::{Cross, install};
+use crate::targets::{BARE, Cross, install};
 use crate::{Outcome, no_arguments};
 use std::fs;
 use std::path::Path;
@@ -25,7 +25,8 @@ pub(crate) fn check() -> Outcome {
     let firmware = Cross {
         target: TARGET,
         crate_: &crate_,
-        arguments: &["build"],
+        arguments: &["build", "--release"],
+        std: BARE,
         flags: "-C link-arg=-Tlink.x -C target-cpu=cortex-m7",
         debian_flags: "-C linker=ld.lld-19 -C linker-flavor=ld.lld",
     };

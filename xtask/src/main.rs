@@ -7,6 +7,7 @@ mod device;
 mod fuzz;
 mod golden;
 mod no_std;
+mod page;
 mod shell;
 mod synthetic;
 mod targets;
@@ -55,6 +56,24 @@ const COMMANDS: &[Command] = &[
         usage: "device",
         about: "a fit on an emulated Cortex-M7: golden bits, within 256 KB of RAM and 512 of flash",
         run: device::run,
+    },
+    Command {
+        name: "wasm",
+        usage: "wasm",
+        about: "the web page and its npm package, into wasm/dist",
+        run: page::run,
+    },
+    Command {
+        name: "serve",
+        usage: "serve [PORT=8080]",
+        about: "the same, then serves it on this machine",
+        run: page::serve,
+    },
+    Command {
+        name: "browser",
+        usage: "browser",
+        about: "tries the page and the package in Chromium and in Node",
+        run: page::test,
     },
     Command {
         name: "golden",

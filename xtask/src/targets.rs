@@ -1,5 +1,5 @@
-//! Compiling for machines without std: by rustup's targets or, where rustup has one not and cannot
-//! load it, by Debian's compiler with a core library built on the spot.
+//! Compiling for other machines: by rustup's targets or, where rustup has one not and cannot
+//! load it, by Debian's compiler with a standard library built on the spot.
 
 use crate::Outcome;
 use crate::shell::{cargo, command, output, run as sh};
@@ -9,14 +9,19 @@ const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_LINKER: &str = "/usr/bin/ld.lld-19";
 
+/// The standard library of a machine without an operating system.
+pub(crate) const BARE: &str = "core,alloc,compiler_builtins";
+
 /// A crate compiled for another machine.
 pub(crate) struct Cross<'a> {
     /// The machine.
     pub(crate) target: &'a str,
-    /// The crate's directory, not of the workspace.
+    /// The crate's directory.
     pub(crate) crate_: &'a Path,
-    /// Cargo's command and what goes with it, in release mode.
+    /// Cargo's command and what goes with it.
     pub(crate) arguments: &'a [&'a str],
+    /// What Debian's compiler must build of the standard library.
+    pub(crate) std: &'a str,
     /// Flags of the compiler.
     pub(crate) flags: &'a str,
     /// Those that make Debian's compiler find a linker.
@@ -26,8 +31,8 @@ pub(crate) struct Cross<'a> {
 impl Cross<'_> {
     /// Compiles into a target directory.
     pub(crate) fn build(&self, place: &Path) -> Outcome {
-        let &Self { target, crate_, arguments, flags, debian_flags } = self;
-        let options = ["--quiet", "--release", "--target", target, "--target-dir"];
+        let &Self { target, crate_, arguments, std, flags, debian_flags } = self;
+        let options = ["--quiet", "--target", target, "--target-dir"];
         let has = || {
             let installed = output(&mut command("rustup", ["target", "list", "--installed"]));
             installed.is_ok_and(|list| list.lines().any(|line| line == target))
@@ -44,7 +49,7 @@ impl Cross<'_> {
         sh(command(DEBIAN_CARGO, arguments)
             .args(options)
             .arg(place)
-            .args(["-Z", "build-std=core,alloc,compiler_builtins"])
+            .args(["-Z", &format!("build-std={std}")])
             .current_dir(crate_)
             .env_remove("RUSTUP_TOOLCHAIN")
             .env("RUSTC", DEBIAN_RUSTC)

@@ -1,7 +1,7 @@
 //! `cargo xtask test`: everything that must hold, in order, to the first failure.
 
 use crate::shell::{cargo, run as sh, target};
-use crate::{Outcome, c, determinism, device, no_arguments, no_std};
+use crate::{Outcome, c, determinism, device, no_arguments, no_std, page};
 use std::fs;
 use std::time::{Duration, Instant};
 
@@ -20,6 +20,7 @@ const STAGES: &[Stage] = &[
     Stage { name: "determinism", run: determinism::check },
     Stage { name: "C", run: c::check },
     Stage { name: "device", run: device::check },
+    Stage { name: "browser", run: page::check },
     Stage { name: "demo", run: demo },
 ];
 

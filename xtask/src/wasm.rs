@@ -2,7 +2,7 @@
 
 use crate::Outcome;
 use crate::shell::{command, output, root, target};
-use crate::targets::{Cross, install};
+use crate::targets::{BARE, Cross, install};
 use std::fs;
 
 const TARGET: &str = "wasm32-unknown-unknown";
@@ -22,7 +22,8 @@ pub(crate) fn check() -> Outcome {
             target: TARGET,
             crate_: &root().join("c"),
             // Of the library only: a crate type is no concern of its dependencies.
-            arguments: &["rustc", "--crate-type", "cdylib"],
+            arguments: &["rustc", "--release", "--crate-type", "cdylib"],
+            std: BARE,
             flags,
             debian_flags: "-C linker=wasm-ld-19",
         };

@@ -82,14 +82,8 @@ impl Demo {
             let Ending::Done(fit) = watch(&job, None, &AtomicBool::new(false), task)? else {
                 return Err(Error::new("the fit was stopped"));
             };
-            let names = Names {
-                model: "face.3dmm".into(),
-                image: subject.file.into(),
-                command: format!(
-                    "onescan fit face.3dmm {} --landmarks {tlms} -o fit --seed {}",
-                    subject.file, self.seed
-                ),
-            };
+            let names =
+                Names { model: "face.3dmm".into(), image: subject.file.into(), landmarks: tlms };
             let result = output::finish(&job, &fit, names)?;
             output::write(&directory, &result)?;
             console.say(output::closing_line(&result.summary));

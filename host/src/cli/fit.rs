@@ -138,7 +138,7 @@ impl Fit {
                 let names = Names {
                     model: file_name(&self.model),
                     image: file_name(&self.image),
-                    command: self.command(),
+                    landmarks: file_name(&self.landmarks),
                 };
                 let result = output::finish(&job, &fit, names)?;
                 output::write(&self.output, &result)?;
@@ -165,43 +165,6 @@ impl Fit {
             search: !self.sampler,
             ..Config::default()
         }
-    }
-
-    /// The command that repeats this fit, with file names only.
-    fn command(&self) -> String {
-        let mut command = format!(
-            "onescan fit {} {} --landmarks {} -o fit --seed {}",
-            file_name(&self.model),
-            file_name(&self.image),
-            file_name(&self.landmarks),
-            self.seed
-        );
-        let base = Config::default();
-        let config = self.config();
-        let mut add = |condition: bool, text: String| {
-            if condition {
-                command.push(' ');
-                command.push_str(&text);
-            }
-        };
-        add(config.samples != base.samples, format!("--samples {}", config.samples));
-        add(
-            config.landmark_samples != base.landmark_samples,
-            format!("--landmark-samples {}", config.landmark_samples),
-        );
-        add(config.shape_rank != base.shape_rank, format!("--shape-rank {}", config.shape_rank));
-        add(
-            config.albedo_rank != base.albedo_rank,
-            format!("--albedo-rank {}", config.albedo_rank),
-        );
-        add(self.chains != 1, format!("--chains {}", self.chains));
-        add(self.size != Crop::LONGER_SIDE, format!("--size {}", self.size));
-        add(
-            config.pixel_patch.to_bits() != base.pixel_patch.to_bits(),
-            format!("--pixel-patch {}", config.pixel_patch),
-        );
-        add(self.sampler, "--sampler".into());
-        command
     }
 }
 

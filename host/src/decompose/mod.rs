@@ -16,6 +16,7 @@ mod structure;
 
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Vertex};
+use crate::model_file::Deviation;
 use faer::MatRef;
 use krylov::Krylov;
 use rayon::prelude::*;
@@ -65,15 +66,6 @@ struct Column {
 }
 
 impl Decomposition {
-    /// No components at all: a field that never deviates from its mean.
-    pub const NONE: Self = Self {
-        variances: Vec::new(),
-        total_variance: 0.0,
-        max_residual: 0.0,
-        columns: Vec::new(),
-        vectors: Vec::new(),
-    };
-
     /// Number of components kept.
     pub fn rank(&self) -> usize {
         self.variances.len()
@@ -92,6 +84,21 @@ impl Decomposition {
     pub fn column(&self, k: usize) -> ([f64; 3], &[f64]) {
         let column = &self.columns[k];
         (column.direction, &self.vectors[column.vector])
+    }
+}
+
+impl Deviation for Decomposition {
+    fn variances(&self) -> &[f64] {
+        &self.variances
+    }
+
+    fn total_variance(&self) -> f64 {
+        self.total_variance
+    }
+
+    fn column(&self, k: usize, channel: usize) -> (f64, &[f64]) {
+        let (direction, vector) = self.column(k);
+        (self.variances[k].sqrt() * direction[channel], vector)
     }
 }
 

@@ -2,23 +2,25 @@
 
 pub mod checkpoint;
 pub mod output;
+#[cfg(feature = "full")]
+mod parallel;
 
 use crate::error::{Error, Result};
 use crate::photo::Crop;
 use crate::picture::Picture;
-use crate::simd;
 use crate::tlms::Tlms;
-use checkpoint::{ChainSave, Identity, Save};
+use checkpoint::ChainSave;
+
 use onescan_core::chain::{
-    Chain, Config, Image, Observation, Problem, Quality, Stage, State, Tally,
+    Chain, Config, Image, Observation, Problem, Quality, Stage, State, Step, Tally,
 };
+use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
-use rayon::prelude::*;
+#[cfg(feature = "full")]
+pub use parallel::{Control, Ending};
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Instant;
 
 /// Points of a likelihood trace.
 const TRACE_POINTS: u32 = 400;
@@ -39,22 +41,6 @@ pub struct Job<'a> {
     pub seed: u64,
     /// Independent chains; the best state of all wins.
     pub chains: u32,
-}
-
-/// What the caller sees and says while a fit runs.
-pub struct Control<'a> {
-    /// Set by the caller to stop after the current step.
-    pub stop: &'a AtomicBool,
-    /// Steps done by all chains, for a progress bar.
-    pub steps: &'a AtomicU64,
-}
-
-/// How a fit ended.
-pub enum Ending {
-    /// All steps were made.
-    Done(Box<Fit>),
-    /// [`Control::stop`] was set; this continues the fit.
-    Stopped(Box<Save>),
 }
 
 /// One point of a trace: step over both stages, and the log likelihood of the stage.
@@ -104,78 +90,8 @@ pub struct Fit {
 }
 
 impl Job<'_> {
-    /// What identifies the job, so that a checkpoint is only used for the job it was made by.
-    fn identity(&self) -> Identity {
-        let mut hash = Fnv64::default();
-        hash.write(self.photo.rgb.as_flattened());
-        for value in [self.crop.origin, self.crop.size, self.crop.scaled_to].as_flattened() {
-            hash.write(&value.to_le_bytes());
-        }
-        for landmark in self.landmarks.visible() {
-            hash.write(landmark.id.as_bytes());
-            hash.write_f32(&[landmark.x, landmark.y]);
-        }
-        Identity {
-            model: self.model.checksum(),
-            picture: hash.finish(),
-            config: self.config.clone(),
-            seed: self.seed,
-            chains: self.chains,
-        }
-    }
-
-    /// Runs the fit, from the beginning or from where `resume` left it.
-    ///
-    /// Chains run in parallel on rayon's threads; each is a function of the seed and its number,
-    /// so their number of threads changes nothing.
-    ///
-    /// # Errors
-    /// Landmarks the model does not have, a crop that does not fit the photo, a checkpoint of
-    /// another job.
-    pub fn run(&self, resume: Option<Save>, control: &Control<'_>) -> Result<Ending> {
-        let picture = self.crop.cut(self.photo)?;
-        let positions: Vec<_> = self
-            .landmarks
-            .visible()
-            .map(|l| {
-                let p = self.crop.to_crop([f64::from(l.x), f64::from(l.y)]);
-                Observation { name: &l.id, position: p.map(|x| x as f32) }
-            })
-            .collect();
-        let problem = Problem {
-            model: self.model,
-            image: Image { pixels: &picture.rgb, width: picture.width, height: picture.height },
-            landmarks: &positions,
-            config: &self.config,
-            engine: simd::best(),
-            lean: false,
-        };
-        let chains = self.chains.max(1) as usize;
-        let saves: Vec<Option<ChainSave>> = match resume {
-            None => vec![None; chains],
-            Some(save) => {
-                if save.identity != self.identity() || save.chains.len() != chains {
-                    return Err(Error::new(
-                        "it was saved by a fit of another model, photo, landmark file or \
-                         settings; repeat the first command exactly, or fit without --resume",
-                    ));
-                }
-                save.chains.into_iter().map(Some).collect()
-            }
-        };
-        let runs = saves
-            .into_par_iter()
-            .enumerate()
-            .map(|(number, save)| run_chain(problem, self.seed, number as u32, save, control))
-            .collect::<Result<Vec<_>>>()?;
-        if control.stop.load(Ordering::Relaxed) && !runs.iter().all(|run| run.finished) {
-            let chains = runs.into_iter().map(|run| run.save).collect();
-            return Ok(Ending::Stopped(Box::new(Save { identity: self.identity(), chains })));
-        }
-        Ok(Ending::Done(Box::new(self.summarize(runs))))
-    }
-
-    fn summarize(&self, runs: Vec<Run>) -> Fit {
+    /// The fit that the ended chains amount to; `None` if there are none.
+    pub fn summarize(&self, runs: Vec<Run>) -> Option<Fit> {
         let fingerprint = match &runs[..] {
             [one] => one.save.checkpoint.fingerprint.finish(),
             many => {
@@ -214,11 +130,9 @@ impl Job<'_> {
                 winner = number;
             }
         }
-        let run = runs.into_iter().nth(winner);
-        // One run per chain, and at least one chain.
-        let run = run.expect("a chain won");
+        let run = runs.into_iter().nth(winner)?;
         let best = run.save.checkpoint.best;
-        Fit {
+        Some(Fit {
             crop: self.crop,
             initial: run.save.checkpoint.initial.unwrap_or_else(|| best.clone()),
             best,
@@ -232,66 +146,129 @@ impl Job<'_> {
             steps_per_second: own_steps as f64 / own_seconds.max(1e-9),
             trace: run.save.trace,
             acceptance,
+        })
+    }
+}
+
+/// The part of a photo a fit looks at, with the landmarks in it.
+pub struct Observed<'a> {
+    /// The pixels.
+    pub picture: Picture,
+    /// The visible landmarks.
+    pub landmarks: Vec<Observation<'a>>,
+}
+
+impl<'a> Observed<'a> {
+    /// What chains look at.
+    ///
+    /// # Errors
+    /// A crop that does not fit the photo.
+    pub fn new(photo: &Picture, landmarks: &'a Tlms, crop: &Crop) -> Result<Self> {
+        let positions = landmarks.visible().map(|l| {
+            let p = crop.to_crop([f64::from(l.x), f64::from(l.y)]);
+            Observation { name: &l.id, position: p.map(|x| x as f32) }
+        });
+        Ok(Self { landmarks: positions.collect(), picture: crop.cut(photo)? })
+    }
+
+    /// The chain's problem.
+    pub fn problem(
+        &'a self,
+        model: &'a Model<'a>,
+        config: &'a Config,
+        engine: &'a Engine,
+    ) -> Problem<'a> {
+        let Picture { rgb, width, height } = &self.picture;
+        Problem {
+            model,
+            image: Image { pixels: rgb, width: *width, height: *height },
+            landmarks: &self.landmarks,
+            config,
+            engine,
+            lean: false,
         }
     }
 }
 
 /// A chain that has been run to its end, or stopped.
-struct Run {
+pub struct Run {
     save: ChainSave,
-    finished: bool,
+    /// Whether all steps were made.
+    pub finished: bool,
     seconds: f64,
     steps: u64,
     qualities: [Quality; 2],
     acceptance: Vec<Acceptance>,
 }
 
-fn run_chain(
-    problem: Problem<'_>,
-    seed: u64,
-    number: u32,
-    save: Option<ChainSave>,
-    control: &Control<'_>,
-) -> Result<Run> {
-    let mut memory = vec![0_u32; problem.dimensions().words()];
-    let (mut chain, mut trace) = match save {
-        None => (Chain::new(problem, seed, number, &mut memory), Vec::new()),
-        Some(save) => (Chain::resume(problem, save.checkpoint, &mut memory), save.trace),
-    };
-    let chain = chain.as_mut().map_err(|e| Error::new(*e))?;
-    let (before, total) = chain.progress();
-    control.steps.fetch_add(u64::from(before), Ordering::Relaxed);
-    let stride = total.div_ceil(TRACE_POINTS).max(1);
-    let start = Instant::now();
-    let mut steps = 0;
-    let mut finished = false;
-    while !control.stop.load(Ordering::Relaxed) {
-        let (at, _) = chain.progress();
-        if at % stride == 0 {
-            trace_point(chain, at, &mut trace);
-        }
-        if chain.step().is_none() {
-            finished = true;
-            break;
-        }
-        steps += 1;
-        control.steps.fetch_add(1, Ordering::Relaxed);
+/// A chain on its way, and its trace.
+pub struct Running<'a, 'w> {
+    /// The chain.
+    pub chain: Chain<'a, 'w>,
+    trace: Vec<TracePoint>,
+    stride: u32,
+    steps: u64,
+}
+
+impl<'a, 'w> Running<'a, 'w> {
+    /// Begins, or goes on from where `save` was made.
+    ///
+    /// # Errors
+    /// Those of [`Chain::new`] and [`Chain::resume`].
+    pub fn start(
+        problem: Problem<'a>,
+        seed: u64,
+        number: u32,
+        save: Option<ChainSave>,
+        memory: &'w mut [u32],
+    ) -> Result<Self> {
+        let (chain, trace) = match save {
+            None => (Chain::new(problem, seed, number, memory), Vec::new()),
+            Some(save) => (Chain::resume(problem, save.checkpoint, memory), save.trace),
+        };
+        let chain = chain.map_err(Error::new)?;
+        let stride = chain.progress().1.div_ceil(TRACE_POINTS).max(1);
+        let mut running = Self { chain, trace, stride, steps: 0 };
+        running.note();
+        Ok(running)
     }
-    let seconds = start.elapsed().as_secs_f64();
-    if finished {
-        trace_point(chain, chain.progress().0, &mut trace);
+
+    /// Makes one step; `None` when the fit is done.
+    pub fn step(&mut self) -> Option<Step> {
+        let step = self.chain.step()?;
+        self.steps += 1;
+        let (at, total) = self.chain.progress();
+        if at % self.stride == 0 || at == total {
+            self.note();
+        }
+        Some(step)
     }
-    let checkpoint = chain.checkpoint().clone();
-    let initial = checkpoint.initial.as_ref().unwrap_or(&checkpoint.state).scene.clone();
-    let qualities = [initial, checkpoint.best.scene.clone()].map(|scene| chain.quality(&scene));
-    Ok(Run {
-        finished,
-        seconds,
-        steps,
-        qualities,
-        acceptance: acceptance(chain),
-        save: ChainSave { checkpoint, trace },
-    })
+
+    /// The log likelihood by step so far.
+    pub fn trace(&self) -> &[TracePoint] {
+        &self.trace
+    }
+
+    /// What it came to, `seconds` after it started.
+    pub fn end(&mut self, seconds: f64) -> Run {
+        let (done, total) = self.chain.progress();
+        let chain = &mut self.chain;
+        let checkpoint = chain.checkpoint().clone();
+        let initial = checkpoint.initial.as_ref().unwrap_or(&checkpoint.state).scene.clone();
+        let scenes = [initial, checkpoint.best.scene.clone()];
+        Run {
+            qualities: scenes.map(|scene| chain.quality(&scene)),
+            acceptance: acceptance(chain),
+            finished: done == total,
+            seconds,
+            steps: self.steps,
+            save: ChainSave { checkpoint, trace: self.trace.clone() },
+        }
+    }
+
+    fn note(&mut self) {
+        trace_point(&self.chain, self.chain.progress().0, &mut self.trace);
+    }
 }
 
 fn trace_point(chain: &Chain<'_, '_>, at: u32, trace: &mut Vec<TracePoint>) {

@@ -1,7 +1,8 @@
 //! What a fit leaves behind: parameters, meshes and pictures.
 
 use super::{Fit, Job};
-use crate::error::Result;
+use crate::error::{Error, Result};
+#[cfg(feature = "full")]
 use crate::files::write_atomically;
 use crate::mesh::Mesh;
 use crate::photo::Crop;
@@ -10,11 +11,12 @@ use crate::ply::{self, Encoding};
 use crate::rps::Rps;
 use crate::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};
 use crate::{glb, render};
-use onescan_core::chain;
+use onescan_core::chain::{self, Config};
 use onescan_core::model::Model;
 use onescan_core::scene::Scene;
-use std::io::Write;
-use std::path::Path;
+use std::fmt::{Display, Write as _};
+#[cfg(feature = "full")]
+use std::{io::Write as _, path::Path};
 
 /// Longer side of the face's pictures, pixels.
 const SIDE: u32 = 512;
@@ -27,8 +29,8 @@ pub struct Names {
     pub model: String,
     /// Of the photo.
     pub image: String,
-    /// Command that repeats the fit.
-    pub command: String,
+    /// Of the landmarks.
+    pub landmarks: String,
 }
 
 /// A fit with everything that is shown of it.
@@ -65,7 +67,7 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
     let config = &job.config;
     let summary = Summary {
         onescan: env!("CARGO_PKG_VERSION").into(),
-        command: names.command,
+        command: command(job, &names),
         model: ModelUsed { file: names.model, checksum: hex(job.model.checksum()) },
         image: PhotoUsed {
             file: names.image,
@@ -111,6 +113,33 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
     Ok(Finished { mesh, pictures: pictures(job, fit, &summary.parameters)?, summary })
 }
 
+/// The command that repeats the fit.
+fn command(job: &Job<'_>, names: &Names) -> String {
+    let Names { model, image, landmarks } = names;
+    let mut command =
+        format!("onescan fit {model} {image} --landmarks {landmarks} -o fit --seed {}", job.seed);
+    let (config, base) = (&job.config, Config::default());
+    let mut add = |option: &str, value: &dyn Display, differs: bool| {
+        if differs {
+            // Writing to a string cannot fail.
+            let _ = write!(command, " --{option} {value}");
+        }
+    };
+    let (samples, landmark_samples) = (config.samples, config.landmark_samples);
+    add("samples", &samples, samples != base.samples);
+    add("landmark-samples", &landmark_samples, landmark_samples != base.landmark_samples);
+    add("shape-rank", &config.shape_rank, config.shape_rank != base.shape_rank);
+    add("albedo-rank", &config.albedo_rank, config.albedo_rank != base.albedo_rank);
+    add("chains", &job.chains, job.chains != 1);
+    let size = job.crop.scaled_to[0].max(job.crop.scaled_to[1]);
+    add("size", &size, size != Crop::LONGER_SIDE);
+    add("pixel-patch", &config.pixel_patch, config.pixel_patch != base.pixel_patch);
+    if !config.search {
+        command.push_str(" --sampler");
+    }
+    command
+}
+
 /// JSON holds no infinities: a state that shows nothing of the model has the lowest number.
 fn finite(x: f64) -> f64 {
     x.max(f64::MIN)
@@ -147,26 +176,37 @@ impl Pictures {
     }
 }
 
-/// Writes `fit.json`, `fit.rps`, `mesh.ply`, `mesh.glb`, `overlay.png` and `photo.png`.
+/// What a fit leaves behind: file names and contents, but for the report.
 ///
 /// # Errors
-/// Files that cannot be written.
-pub fn write(directory: &Path, result: &Finished) -> Result<()> {
-    let put = |name: &str, bytes: &[u8]| {
-        write_atomically(&directory.join(name), |out| out.write_all(bytes))
-    };
-    put("fit.json", result.summary.to_json()?.as_bytes())?;
+/// None for a fit that [`finish`] made.
+pub fn files(result: &Finished) -> Result<[(&'static str, Vec<u8>); 6]> {
     let rps = Rps {
         scene: result.summary.parameters.clone(),
         model_uri: result.summary.model.file.clone(),
     };
-    put("fit.rps", rps.to_text()?.as_bytes())?;
-    write_atomically(&directory.join("mesh.ply"), |out| {
-        ply::write(out, &result.mesh, Encoding::default())
-    })?;
-    put("mesh.glb", &glb::encode(&result.mesh, "fitted face")?)?;
-    result.pictures.overlay().write_png(&directory.join("overlay.png"))?;
-    result.pictures.whole.write_png(&directory.join("photo.png"))
+    let mut mesh = Vec::new();
+    ply::write(&mut mesh, &result.mesh, Encoding::default()).map_err(Error::new)?;
+    Ok([
+        ("fit.json", result.summary.to_json()?.into_bytes()),
+        ("fit.rps", rps.to_text()?.into_bytes()),
+        ("mesh.ply", mesh),
+        ("mesh.glb", glb::encode(&result.mesh, "fitted face")?),
+        ("overlay.png", result.pictures.overlay().to_png()?),
+        ("photo.png", result.pictures.whole.to_png()?),
+    ])
+}
+
+/// Writes [`files`] into a directory.
+///
+/// # Errors
+/// Files that cannot be written.
+#[cfg(feature = "full")]
+pub fn write(directory: &Path, result: &Finished) -> Result<()> {
+    for (name, bytes) in files(result)? {
+        write_atomically(&directory.join(name), |out| out.write_all(&bytes))?;
+    }
+    Ok(())
 }
 
 /// One line that says how the fit went.

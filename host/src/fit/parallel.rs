@@ -1,0 +1,100 @@
+//! A whole fit on the computer's threads.
+
+use super::checkpoint::{Identity, Save};
+use super::{Fit, Job, Observed, Run, Running};
+use crate::error::{Error, Result};
+use crate::simd;
+use onescan_core::hash::Fnv64;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+/// What the caller sees and says while a fit runs.
+pub struct Control<'a> {
+    /// Set by the caller to stop after the current step.
+    pub stop: &'a AtomicBool,
+    /// Steps done by all chains, for a progress bar.
+    pub steps: &'a AtomicU64,
+}
+
+/// How a fit ended.
+pub enum Ending {
+    /// All steps were made.
+    Done(Box<Fit>),
+    /// [`Control::stop`] was set; this continues the fit.
+    Stopped(Box<Save>),
+}
+
+impl Job<'_> {
+    /// What identifies the job, so that a checkpoint is only used for the job it was made by.
+    fn identity(&self) -> Identity {
+        let mut hash = Fnv64::default();
+        hash.write(self.photo.rgb.as_flattened());
+        for value in [self.crop.origin, self.crop.size, self.crop.scaled_to].as_flattened() {
+            hash.write(&value.to_le_bytes());
+        }
+        for landmark in self.landmarks.visible() {
+            hash.write(landmark.id.as_bytes());
+            hash.write_f32(&[landmark.x, landmark.y]);
+        }
+        Identity {
+            model: self.model.checksum(),
+            picture: hash.finish(),
+            config: self.config.clone(),
+            seed: self.seed,
+            chains: self.chains,
+        }
+    }
+
+    /// Runs the fit, from the beginning or from where `resume` left it.
+    ///
+    /// Chains run in parallel on rayon's threads; each is a function of the seed and its number,
+    /// so their number of threads changes nothing.
+    ///
+    /// # Errors
+    /// Landmarks the model does not have, a crop that does not fit the photo, a checkpoint of
+    /// another job.
+    pub fn run(&self, resume: Option<Save>, control: &Control<'_>) -> Result<Ending> {
+        let observed = Observed::new(self.photo, self.landmarks, &self.crop)?;
+        let problem = observed.problem(self.model, &self.config, simd::best());
+        let chains = self.chains.max(1) as usize;
+        let saves = match resume {
+            None => vec![None; chains],
+            Some(save) => {
+                if save.identity != self.identity() || save.chains.len() != chains {
+                    return Err(Error::new(
+                        "it was saved by a fit of another model, photo, landmark file or \
+                         settings; repeat the first command exactly, or fit without --resume",
+                    ));
+                }
+                save.chains.into_iter().map(Some).collect()
+            }
+        };
+        let runs = saves
+            .into_par_iter()
+            .enumerate()
+            .map(|(number, save)| {
+                let mut memory = vec![0_u32; problem.dimensions().words()];
+                let running = Running::start(problem, self.seed, number as u32, save, &mut memory)?;
+                Ok(to_the_end(running, control))
+            })
+            .collect::<Result<Vec<_>>>()?;
+        if control.stop.load(Ordering::Relaxed) && !runs.iter().all(|run| run.finished) {
+            let chains = runs.into_iter().map(|run| run.save).collect();
+            return Ok(Ending::Stopped(Box::new(Save { identity: self.identity(), chains })));
+        }
+        let fit = self.summarize(runs).ok_or_else(|| Error::new("no chain ran"))?;
+        Ok(Ending::Done(Box::new(fit)))
+    }
+}
+
+/// Runs a chain to its end, or until it is to stop.
+fn to_the_end(mut running: Running<'_, '_>, control: &Control<'_>) -> Run {
+    let (before, _) = running.chain.progress();
+    control.steps.fetch_add(u64::from(before), Ordering::Relaxed);
+    let start = Instant::now();
+    while !control.stop.load(Ordering::Relaxed) && running.step().is_some() {
+        control.steps.fetch_add(1, Ordering::Relaxed);
+    }
+    running.end(start.elapsed().as_secs_f64())
+}

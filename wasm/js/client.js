@@ -1,0 +1,59 @@
+/**
+ * onescan in a worker: the page stays free while a fit runs.
+ *
+ * A `Client` has the worker's methods, each of which gives a promise.
+ */
+
+/** @typedef {import('./worker.js').Methods} Methods */
+/** @typedef {{ [K in keyof Methods]: (...args: Parameters<Methods[K]>) => Promise<Awaited<ReturnType<Methods[K]>>> }} Remote */
+
+const METHODS = /** @type {const} */ ([
+  'open', 'photo', 'fit', 'pause', 'resume', 'cancel', 'fitFiles', 'draw', 'drawMean', 'png', 'locate', 'set',
+  'random', 'mean', 'fitted', 'light', 'files',
+]);
+
+/**
+ * Starts a worker. Of its events, `progress` tells how a fit goes (see `LiveProgress` in
+ * worker.js).
+ *
+ * The worker is born of a line of script instead of its file, because such a one inherits the
+ * page's Content-Security-Policy: what the page may not load, the worker may not either.
+ * @param {URL} [url] Of worker.js.
+ * @returns {EventTarget & Remote}
+ */
+export function connect(url = new URL('./worker.js', import.meta.url)) {
+  const line = new Blob([`import ${JSON.stringify(url.href)};`], { type: 'text/javascript' });
+  const birth = URL.createObjectURL(line);
+  const worker = new Worker(birth, { type: 'module' });
+  const target = new EventTarget();
+  /** @type {Map<number, { resolve: (value: any) => void, reject: (error: Error) => void }>} */
+  const calls = new Map();
+  let last = 0;
+  worker.addEventListener('message', ({ data }) => {
+    URL.revokeObjectURL(birth);
+    if (data.progress) {
+      target.dispatchEvent(new CustomEvent('progress', { detail: data.progress }));
+      return;
+    }
+    const call = calls.get(data.id);
+    calls.delete(data.id);
+    if ('error' in data) call?.reject(new Error(data.error));
+    else call?.resolve(data.value);
+  });
+  worker.addEventListener('error', (event) => {
+    event.preventDefault();
+    const error = new Error(`the worker stopped: ${event.message || 'it could not be loaded'}`);
+    for (const call of calls.values()) call.reject(error);
+    calls.clear();
+  });
+  const remote = METHODS.map((method) => [
+    method,
+    (/** @type {unknown[]} */ ...args) =>
+      new Promise((resolve, reject) => {
+        const id = (last += 1);
+        calls.set(id, { resolve, reject });
+        worker.postMessage({ id, method, args });
+      }),
+  ]);
+  return Object.assign(target, /** @type {Remote} */ (Object.fromEntries(remote)));
+}

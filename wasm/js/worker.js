@@ -1,0 +1,230 @@
+/** The other end of client.js: one model, one photo, one fit and one viewer, in a worker. */
+
+import { create } from './onescan.js';
+
+/** @typedef {import('./onescan.js').Landmark} Landmark */
+/** @typedef {import('./onescan.js').Settings} Settings */
+/** @typedef {import('./onescan.js').Progress} Progress */
+/** @typedef {{ vertices: number, shapeRank: number, albedoRank: number, landmarks: string[], provenance: string }} ModelFacts */
+/** @typedef {{ width: number, height: number, picture: ImageBitmap }} PhotoFacts */
+/** @typedef {Progress & { trace: Float64Array, crop: number[], overlay?: ImageBitmap }} LiveProgress */
+/** @typedef {{ yaw: number, pitch: number, width: number, height: number, ground: number }} Camera */
+/** @typedef {{ shape: Float32Array, albedo: Float32Array }} Coefficients */
+
+/** Longest side of the photo that is sent to be shown, pixels. */
+const SHOWN = 1600;
+/** Milliseconds between two pictures of a running fit. */
+const FRAME = 120;
+
+const program = create();
+/** @type {import('./onescan.js').Model | undefined} */
+let model;
+/** @type {import('./onescan.js').Photo | undefined} */
+let photo;
+/** @type {import('./onescan.js').Fit | undefined} */
+let fit;
+/** @type {import('./onescan.js').Fitted | undefined} */
+let fitted;
+/** @type {import('./onescan.js').Viewer | undefined} */
+let viewer;
+
+/**
+ * What is needed, or a message.
+ * @template T
+ * @param {T | undefined} value
+ * @param {string} what
+ * @returns {T}
+ */
+function need(value, what) {
+  if (value === undefined) throw new Error(`no ${what} yet`);
+  return value;
+}
+
+/** @param {import('./wasm/onescan_wasm.js').Pixels} pixels */
+async function bitmap(pixels) {
+  const rgba = new Uint8ClampedArray(pixels.rgba());
+  const image = new ImageData(rgba, pixels.width, pixels.height);
+  pixels.free();
+  return createImageBitmap(image);
+}
+
+/** @param {import('./wasm/onescan_wasm.js').File[]} files */
+function unpack(files) {
+  return files.map((file) => ({ name: file.name, bytes: new Uint8Array(file.bytes) }));
+}
+
+/** @returns {Coefficients} */
+function coefficients() {
+  const { shape, albedo } = need(viewer, 'model');
+  return { shape, albedo };
+}
+
+const methods = {
+  /** @param {Uint8Array} bytes @returns {Promise<ModelFacts>} */
+  async open(bytes) {
+    const onescan = await program;
+    // Nothing of the old model goes before the new one is known to be good.
+    const opened = onescan.model(bytes);
+    const { vertices, shapeRank, albedoRank, landmarks, provenance } = opened;
+    fitted?.free();
+    viewer?.free();
+    model?.free();
+    fitted = undefined;
+    model = opened;
+    viewer = onescan.viewer(opened);
+    return { vertices, shapeRank, albedoRank, landmarks, provenance };
+  },
+
+  /** @param {Uint8Array | ImageData} source @returns {Promise<PhotoFacts>} */
+  async photo(source) {
+    const onescan = await program;
+    const taken = onescan.photo(source);
+    photo?.free();
+    photo = taken;
+    const { width, height } = taken;
+    return { width, height, picture: await bitmap(taken.shown(SHOWN)) };
+  },
+
+  /**
+   * @param {{ landmarks: Landmark[], names: { model: string, photo: string }, live?: boolean } & Settings} job
+   */
+  async fit({ landmarks, names, live = true, ...settings }) {
+    const onescan = await program;
+    if (fit) throw new Error('a fit is running');
+    const job = { model: need(model, 'model'), photo: need(photo, 'photo'), landmarks };
+    const running = onescan.fit({ ...job, ...settings });
+    fit = running;
+    let shown = -Infinity;
+    running.addEventListener('progress', (event) => {
+      const { detail } = /** @type {CustomEvent<Progress>} */ (event);
+      const now = performance.now();
+      if (detail.done < detail.total && now - shown < FRAME) return;
+      shown = now;
+      const progress = { ...detail, trace: running.trace, crop: running.crop };
+      if (!live) return tell(progress, []);
+      bitmap(running.overlay()).then((overlay) => tell({ ...progress, overlay }, [overlay]));
+    });
+    try {
+      if (!(await running.run())) {
+        running.free();
+        return undefined;
+      }
+    } finally {
+      fit = undefined;
+    }
+    const { progress, fingerprint } = running;
+    if (!live) {
+      running.free();
+      return { fingerprint, progress };
+    }
+    fitted?.free();
+    fitted = running.finish(names);
+    const json = fitted.json();
+    need(viewer, 'model').adopt(fitted);
+    return { fingerprint, progress, summary: JSON.parse(json), ...coefficients() };
+  },
+
+  pause() {
+    fit?.pause();
+  },
+
+  resume() {
+    fit?.resume();
+  },
+
+  cancel() {
+    fit?.cancel();
+  },
+
+  /** The files of the finished fit. */
+  fitFiles() {
+    return unpack(need(fitted, 'fit').files());
+  },
+
+  /** @param {Camera} camera */
+  async draw({ width, height, yaw, pitch, ground }) {
+    return bitmap(need(viewer, 'model').draw(width, height, yaw, pitch, ground));
+  },
+
+  /** Draws the mean, whatever is shown. @param {Camera} camera */
+  async drawMean({ width, height, yaw, pitch, ground }) {
+    const mean = (await program).viewer(need(model, 'model'));
+    const picture = await bitmap(mean.draw(width, height, yaw, pitch, ground));
+    mean.free();
+    return picture;
+  },
+
+  /** @param {Camera} camera */
+  png({ width, height, yaw, pitch, ground }) {
+    const pixels = need(viewer, 'model').draw(width, height, yaw, pitch, ground);
+    const bytes = new Uint8Array(pixels.png());
+    pixels.free();
+    return bytes;
+  },
+
+  /** Where a landmark of the mean is in a picture. @param {string} name @param {Camera} camera */
+  locate(name, { width, height, yaw, pitch }) {
+    return [...need(viewer, 'model').locate(name, width, height, yaw, pitch)];
+  },
+
+  /** @param {Coefficients} values */
+  set({ shape, albedo }) {
+    need(viewer, 'model').set(shape, albedo);
+  },
+
+  /** @param {number} seed */
+  random(seed) {
+    need(viewer, 'model').random(seed);
+    return coefficients();
+  },
+
+  mean() {
+    need(viewer, 'model').set(new Float32Array(), new Float32Array());
+    return coefficients();
+  },
+
+  fitted() {
+    need(viewer, 'model').adopt(need(fitted, 'fit'));
+    return coefficients();
+  },
+
+  /** @param {string} name `photo` is the light of the finished fit. */
+  light(name) {
+    const view = need(viewer, 'model');
+    if (name === 'photo') view.illuminateAs(need(fitted, 'fit'));
+    else view.illuminate(name);
+  },
+
+  /** The face that is shown. */
+  files() {
+    return unpack(need(viewer, 'model').files());
+  },
+};
+
+/** @typedef {typeof methods} Methods */
+
+/**
+ * @param {LiveProgress} progress
+ * @param {Transferable[]} transfer
+ */
+function tell(progress, transfer) {
+  postMessage({ progress }, { transfer });
+}
+
+/** What need not be copied. @param {unknown} value @returns {Transferable[]} */
+function transferable(value) {
+  if (value instanceof ImageBitmap) return [value];
+  if (value instanceof Uint8Array) return [/** @type {ArrayBuffer} */ (value.buffer)];
+  if (typeof value !== 'object' || value === null) return [];
+  return Object.values(value).flatMap((part) => (typeof part === 'object' ? transferable(part) : []));
+}
+
+addEventListener('message', async ({ data: { id, method, args } }) => {
+  try {
+    const call = /** @type {(...args: unknown[]) => unknown} */ (methods[/** @type {keyof Methods} */ (method)]);
+    const value = await call(...args);
+    postMessage({ id, value }, { transfer: transferable(value) });
+  } catch (error) {
+    postMessage({ id, error: error instanceof Error ? error.message : String(error) });
+  }
+});

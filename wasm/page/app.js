@@ -1,0 +1,450 @@
+/** The page: what happens when. Computing is the worker's (../js), drawing the other files'. */
+
+import { connect } from '../js/client.js';
+import { openCamera } from './camera.js';
+import { drawTrace } from './chart.js';
+import { button, context, element, save } from './dom.js';
+import { Editor } from './editor.js';
+import { isFace, spoken, wanted } from './landmarks.js';
+import { Sliders } from './sliders.js';
+import { View } from './view.js';
+
+/** Landmarks a fit needs at least. */
+const FEWEST = 4;
+/** What gzip files begin with. */
+const GZIP = [0x1f, 0x8b];
+
+const client = connect();
+const editor = new Editor();
+const view = new View(element('view', HTMLCanvasElement), client);
+const sliders = new Sliders(element('sliders', HTMLDivElement), async (values) => {
+  await client.set(values);
+  view.draw();
+});
+const input = (/** @type {string} */ id) => element(id, HTMLInputElement);
+
+const state = {
+  /** @type {import('../js/worker.js').ModelFacts | undefined} */
+  model: undefined,
+  modelName: '',
+  photoName: '',
+  hasPhoto: false,
+  /** @type {'idle' | 'fitting' | 'paused'} */
+  busy: 'idle',
+  detecting: false,
+  /** Landmarks the user says cannot be seen. @type {Set<string>} */
+  skipped: new Set(),
+  /** The last finished fit's job and fingerprint. @type {{ job: any, fingerprint: string } | undefined} */
+  fitted: undefined,
+};
+
+// ---- messages and buttons
+
+/** @param {string} text @param {boolean} [wrong] */
+function say(text, wrong = false) {
+  const message = element('message', HTMLParagraphElement);
+  message.textContent = text;
+  message.classList.toggle('wrong', wrong);
+}
+
+/** Runs what a user asked for and says what went wrong. @param {() => unknown} action */
+async function attempt(action) {
+  try {
+    await action();
+  } catch (error) {
+    say(error instanceof Error ? error.message : String(error), true);
+  }
+  refresh();
+}
+
+/** @param {string} id @param {() => unknown} action */
+function on(id, action) {
+  button(id).addEventListener('click', () => attempt(action));
+}
+
+/** Landmarks neither set nor said to be out of sight, in order. */
+function missing() {
+  const set = new Set(editor.points.map(({ name }) => name));
+  return wanted(state.model?.landmarks ?? []).filter((name) => !set.has(name) && !state.skipped.has(name));
+}
+
+/** Brings buttons, hints and the guide up to date. */
+function refresh() {
+  const { model, hasPhoto, busy, detecting, fitted } = state;
+  const idle = busy === 'idle' && !detecting;
+  const names = model?.landmarks ?? [];
+  const left = missing();
+  const placing = hasPhoto && idle && left.length > 0;
+  button('detect').disabled = !hasPhoto || !idle || !isFace(names);
+  button('clear').disabled = !hasPhoto || !idle || editor.points.length + state.skipped.size === 0;
+  button('fit').disabled = !model || !hasPhoto || !idle || editor.points.length < FEWEST;
+  button('pause').disabled = busy === 'idle';
+  button('pause').textContent = busy === 'paused' ? 'Resume' : 'Pause';
+  button('cancel').disabled = busy === 'idle';
+  button('verify').disabled = !idle || !fitted;
+  for (const id of ['camera', 'file', 'model']) element(id, HTMLElement).toggleAttribute('disabled', !idle);
+  element('drop', HTMLElement).hidden = hasPhoto;
+  element('stage-tools', HTMLElement).hidden = !hasPhoto;
+  element('by-hand', HTMLElement).hidden = !placing;
+  editor.placing(placing);
+  editor.lock(busy !== 'idle');
+  editor.show(busy === 'idle' && input('show-points').checked);
+  if (placing) guide(left[0]);
+}
+
+let guided = '';
+
+/** Shows where a landmark is on the model. @param {string} name */
+async function guide(name) {
+  if (guided === name) return;
+  guided = name;
+  element('next', HTMLElement).textContent = spoken(name);
+  const canvas = element('guide', HTMLCanvasElement);
+  const camera = { ...view.camera, width: canvas.width, height: canvas.height, yaw: 0, pitch: 0 };
+  const [picture, [x, y]] = await Promise.all([client.drawMean(camera), client.locate(name, camera)]);
+  const draw = context(canvas);
+  draw.drawImage(picture, 0, 0);
+  picture.close();
+  draw.beginPath();
+  draw.arc(x + 0.5, y + 0.5, 5, 0, 2 * Math.PI);
+  draw.fillStyle = '#ffd23f';
+  draw.fill();
+  draw.stroke();
+}
+
+// ---- the model
+
+/** @param {string} name @param {Uint8Array} bytes */
+async function openModel(name, bytes) {
+  if (GZIP.every((byte, i) => bytes[i] === byte)) {
+    const stream = new Blob([/** @type {BlobPart} */ (bytes)]).stream();
+    bytes = new Uint8Array(await new Response(stream.pipeThrough(new DecompressionStream('gzip'))).arrayBuffer());
+    name = name.replace(/\.gz$/, '');
+  }
+  const model = await client.open(bytes).catch((error) => {
+    throw new Error(`${name}: ${error.message}`);
+  });
+  const sameLandmarks = model.landmarks.join() === state.model?.landmarks.join();
+  Object.assign(state, { model, modelName: name, fitted: undefined });
+  guided = '';
+  if (!sameLandmarks) startOver();
+  const { vertices, shapeRank, albedoRank } = model;
+  element('model-facts', HTMLElement).textContent =
+    `${name}: ${vertices} vertices, ${shapeRank} shape and ${albedoRank} albedo components.`;
+  showFace(await client.mean());
+  element('numbers', HTMLElement).hidden = true;
+  element('result', HTMLElement).hidden = false;
+}
+
+/** The model that comes with the page. */
+async function loadModel() {
+  const response = await fetch('face.3dmm.gz');
+  if (!response.ok) throw new Error(`the face model could not be loaded (${response.status}); reload the page`);
+  await openModel('face.3dmm.gz', new Uint8Array(await response.arrayBuffer()));
+}
+
+input('model').addEventListener('change', () =>
+  attempt(async () => {
+    const file = input('model').files?.[0];
+    if (!file) return;
+    await openModel(file.name, new Uint8Array(await file.arrayBuffer()));
+    say(`${file.name} is the model now.`);
+  }),
+);
+
+// ---- the photo
+
+/** @param {string} name @param {Uint8Array | ImageData} source */
+async function openPhoto(name, source) {
+  if (state.busy !== 'idle') throw new Error('a fit is running; cancel it first');
+  say('Reading the photo.');
+  const photo = await client.photo(source).catch((error) => {
+    throw new Error(`${name}: ${error.message}`);
+  });
+  Object.assign(state, { photoName: name, hasPhoto: true, fitted: undefined });
+  element('opacity-label', HTMLElement).hidden = true;
+  element('numbers', HTMLElement).hidden = true;
+  state.skipped.clear();
+  editor.open(photo);
+  refresh();
+}
+
+/** @param {File} file */
+async function openFile(file) {
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  // These two onescan decodes itself, to the same pixels everywhere; others are the browser's.
+  const own = [[0x89, 0x50, 0x4e, 0x47], [0xff, 0xd8, 0xff]].some((magic) => magic.every((byte, i) => bytes[i] === byte));
+  await openPhoto(file.name, own ? bytes : await pixels(file));
+  await findLandmarks();
+}
+
+/** Pixels of a picture the browser can read. @param {File} file */
+async function pixels(file) {
+  const picture = await createImageBitmap(file).catch(() => {
+    throw new Error(`${file.name}: not a picture this browser reads; give a PNG or JPEG`);
+  });
+  const canvas = new OffscreenCanvas(picture.width, picture.height);
+  const draw = canvas.getContext('2d');
+  if (!draw) throw new Error('this browser draws no canvas');
+  draw.drawImage(picture, 0, 0);
+  picture.close();
+  return draw.getImageData(0, 0, canvas.width, canvas.height);
+}
+
+/** @param {string} file */
+async function openSample(file) {
+  const [photo, landmarks] = await Promise.all(
+    [file, file.replace(/\.\w+$/, '.tlms')].map(async (name) => {
+      const response = await fetch(`samples/${name}`);
+      if (!response.ok) throw new Error(`${name} could not be loaded (${response.status})`);
+      return response;
+    }),
+  );
+  await openPhoto(file, new Uint8Array(await photo.arrayBuffer()));
+  const lines = (await landmarks.text()).trim().split('\n').map((line) => line.split(/\s+/));
+  const seen = lines.filter(([, visible]) => Number(visible) > 0);
+  for (const [name, visible] of lines) if (Number(visible) <= 0) state.skipped.add(name);
+  setLandmarks(seen.map(([name, , x, y]) => ({ name, x: Number(x), y: Number(y) })));
+  say('The landmarks of this sample were set by hand. Press Fit.');
+}
+
+input('file').addEventListener('change', () =>
+  attempt(async () => {
+    const file = input('file').files?.[0];
+    if (file) await openFile(file);
+    input('file').value = '';
+  }),
+);
+for (const link of document.querySelectorAll('[data-sample]')) {
+  link.addEventListener('click', () => attempt(() => openSample(link.getAttribute('data-sample') ?? '')));
+}
+on('camera', async () => {
+  const picture = await openCamera();
+  if (!picture) return;
+  await openPhoto('camera.png', picture);
+  await findLandmarks();
+});
+
+const stage = element('stage', HTMLElement);
+for (const name of ['dragover', 'dragleave', 'drop']) {
+  document.addEventListener(name, (event) => {
+    event.preventDefault();
+    stage.classList.toggle('over', name === 'dragover');
+  });
+}
+document.addEventListener('drop', (event) =>
+  attempt(async () => {
+    const file = event.dataTransfer?.files[0];
+    if (!file) return;
+    if (!file.name.endsWith('.3dmm')) await openFile(file);
+    else await openModel(file.name, new Uint8Array(await file.arrayBuffer()));
+  }),
+);
+
+// ---- landmarks
+
+/** @param {import('./editor.js').Point[]} points */
+function setLandmarks(points) {
+  input('show-points').checked = true;
+  editor.set(points);
+  editor.face();
+}
+
+function startOver() {
+  input('show-points').checked = true;
+  state.skipped.clear();
+  editor.set([]);
+  editor.whole();
+}
+
+async function findLandmarks() {
+  if (!isFace(state.model?.landmarks ?? [])) {
+    say('Set the landmarks: click where each is in the photo.');
+    return;
+  }
+  state.detecting = true;
+  refresh();
+  say('Looking for the face. The first time, this loads 10 MB.');
+  try {
+    const { detect } = await import('./detect.js');
+    const picture = editor.picture;
+    if (!picture) return;
+    const found = await detect(picture);
+    if (!found) {
+      say('No face was found. Set the landmarks by hand: click where each is in the photo.');
+      return;
+    }
+    state.skipped.clear();
+    setLandmarks(found.map(({ name, x, y }) => editor.fromPicture(name, x, y)));
+    say('Found them. Drag what is wrong (eyebrows under glasses, say), then press Fit.');
+  } finally {
+    state.detecting = false;
+  }
+}
+
+on('detect', findLandmarks);
+on('clear', startOver);
+on('skip', () => {
+  state.skipped.add(missing()[0]);
+});
+editor.addEventListener('change', refresh);
+editor.addEventListener('place', (event) => {
+  const [name] = missing();
+  if (!name || state.busy !== 'idle' || state.detecting) return;
+  const { x, y } = /** @type {CustomEvent} */ (event).detail;
+  editor.set([...editor.points, { name, x, y }]);
+  refresh();
+});
+input('show-points').addEventListener('change', refresh);
+on('zoom-in', () => editor.zoom(1.4));
+on('zoom-out', () => editor.zoom(1 / 1.4));
+on('zoom-face', () => editor.face());
+on('zoom-whole', () => editor.whole());
+input('opacity').addEventListener('input', () => editor.fade(input('opacity').valueAsNumber));
+
+// ---- the fit
+
+/** A whole number from a field, or a message. @param {string} id @param {string} name */
+function whole(id, name) {
+  const { value, valueAsNumber, max } = input(id);
+  if (!Number.isSafeInteger(valueAsNumber) || valueAsNumber < 0 || valueAsNumber > Number(max)) {
+    throw new Error(`${name} is “${value}”, expected a whole number from 0 to ${max}`);
+  }
+  return valueAsNumber;
+}
+
+client.addEventListener('progress', (event) => {
+  const live = /** @type {CustomEvent<import('../js/worker.js').LiveProgress>} */ (event).detail;
+  const { done, total, stage: name, stepsPerSecond, trace, crop, overlay } = live;
+  element('progress', HTMLProgressElement).value = done / Math.max(total, 1);
+  element('speed', HTMLElement).textContent =
+    name === 'landmarks'
+      ? `Pose by landmarks: step ${done} of ${total}`
+      : `Everything by the photo: step ${done} of ${total}, ${Math.round(stepsPerSecond)} steps/s`;
+  const chart = element('trace', HTMLCanvasElement);
+  chart.hidden = false;
+  drawTrace(chart, trace, boundary, total);
+  if (overlay) editor.overlay(overlay, crop);
+});
+
+let boundary = 0;
+
+/** @param {any} job */
+async function runFit(job) {
+  boundary = job.landmarkSamples;
+  state.busy = 'fitting';
+  refresh();
+  try {
+    return await client.fit(job);
+  } finally {
+    state.busy = 'idle';
+    refresh();
+  }
+}
+
+on('fit', async () => {
+  const job = {
+    landmarks: editor.points.map((point) => ({ ...point })),
+    seed: whole('seed', 'Seed'),
+    samples: whole('samples', 'Steps'),
+    landmarkSamples: whole('landmark-samples', 'Landmark steps'),
+    names: { model: state.modelName, photo: state.photoName },
+  };
+  input('opacity').value = '1';
+  editor.fade(1);
+  editor.face();
+  say('Fitting. The model starts as the average face and changes step by step.');
+  const result = await runFit(job);
+  if (!result) {
+    say('Cancelled.');
+    return;
+  }
+  state.fitted = { job, fingerprint: result.fingerprint };
+  element('verified', HTMLElement).textContent = '';
+  showNumbers(result);
+  // They hide what was found.
+  input('show-points').checked = false;
+  element('opacity-label', HTMLElement).hidden = false;
+  element('numbers', HTMLElement).hidden = false;
+  showFace(await client.fitted());
+  say('Done. Fade the model over the photo to compare; the face is below, to turn and to change.');
+});
+on('pause', async () => {
+  if (state.busy === 'paused') {
+    await client.resume();
+    state.busy = 'fitting';
+  } else {
+    await client.pause();
+    state.busy = 'paused';
+  }
+});
+on('cancel', () => client.cancel());
+on('verify', async () => {
+  const { fitted } = state;
+  if (!fitted) return;
+  const verdict = element('verified', HTMLElement);
+  verdict.textContent = 'Fitting once more…';
+  const again = await runFit({ ...fitted.job, live: false });
+  if (!again) verdict.textContent = 'Cancelled.';
+  else if (again.fingerprint === fitted.fingerprint) verdict.textContent = `✓ ${again.fingerprint} again: the same to the last bit.`;
+  else verdict.textContent = `✗ ${again.fingerprint}: this must not happen; please report it.`;
+});
+
+/** @param {any} result */
+function showNumbers({ fingerprint, progress, summary }) {
+  const { pixel_rmse: error, landmark_rmse_px: landmarks, accepted, steps, seed } = summary;
+  const percent = (/** @type {number} */ x) => `${(100 * x).toFixed(1)} %`;
+  const facts = {
+    Seed: String(seed),
+    Fingerprint: fingerprint,
+    'Colour error': `${percent(error.initial)} → ${percent(error.best)}`,
+    'Landmark error': `${landmarks.toFixed(1)} px of a 256 px cut-out`,
+    Steps: `${steps}, ${percent(accepted / Math.max(steps, 1))} accepted`,
+    Time: `${progress.seconds.toFixed(1)} s, ${Math.round(progress.stepsPerSecond)} steps/s with the photo`,
+  };
+  const items = Object.entries(facts).flatMap(([name, value]) => {
+    const [term, definition] = ['dt', 'dd'].map((tag) => document.createElement(tag));
+    term.textContent = name;
+    definition.textContent = value;
+    return [term, definition];
+  });
+  element('facts', HTMLElement).replaceChildren(...items);
+}
+
+// ---- the face
+
+/** @param {import('../js/worker.js').Coefficients} coefficients */
+function showFace(coefficients) {
+  sliders.show(coefficients);
+  button('show-fitted').disabled = !state.fitted;
+  const light = element('light', HTMLSelectElement);
+  const photo = /** @type {HTMLOptionElement} */ (light.querySelector('[value=photo]'));
+  photo.disabled = !state.fitted;
+  if (!state.fitted && light.value === 'photo') light.value = 'front';
+  view.draw();
+}
+
+on('show-fitted', async () => showFace(await client.fitted()));
+on('show-random', async () => showFace(await client.random(crypto.getRandomValues(new Uint32Array(1))[0])));
+on('show-mean', async () => showFace(await client.mean()));
+element('light', HTMLSelectElement).addEventListener('change', () =>
+  attempt(async () => {
+    await client.light(element('light', HTMLSelectElement).value);
+    view.draw();
+  }),
+);
+
+/** @param {string} ending */
+async function saveFile(ending) {
+  if (ending === 'face.png') return save(ending, await client.png(view.camera));
+  const files = ending.startsWith('face.') ? await client.files() : await client.fitFiles();
+  const file = files.find(({ name }) => name.endsWith(ending));
+  if (file) save(file.name, file.bytes);
+}
+
+for (const link of document.querySelectorAll('[data-save]')) {
+  link.addEventListener('click', () => attempt(() => saveFile(link.getAttribute('data-save') ?? '')));
+}
+
+refresh();
+attempt(loadModel);

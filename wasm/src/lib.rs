@@ -1,0 +1,177 @@
+//! The browser's door to onescan: models, photos, fits and a viewer as JavaScript classes.
+//!
+//! It converts, calls and maps errors; the fit is the core's, files and pictures are the host's.
+//! What surrounds it (the worker, the page, types) is in `js/` and `page/`.
+
+mod fit;
+mod viewer;
+
+use onescan::error::{Error, Result};
+use onescan::model_file::OwnedModel;
+use onescan::photo;
+use onescan::picture::Picture;
+use onescan_core::model::Model as View;
+use self_cell::self_cell;
+use std::rc::Rc;
+use wasm_bindgen::prelude::*;
+
+self_cell!(
+    /// A model's bytes and the view of them: they are checked once.
+    pub(crate) struct Opened {
+        owner: OwnedModel,
+        #[covariant]
+        dependent: View,
+    }
+);
+
+/// A morphable model.
+#[wasm_bindgen]
+pub struct Model(Rc<Opened>);
+
+#[wasm_bindgen]
+impl Model {
+    /// Copies and checks the bytes of a `.3dmm` file.
+    ///
+    /// # Errors
+    /// Bytes that are not a model.
+    #[wasm_bindgen(constructor)]
+    pub fn new(bytes: &[u8]) -> Result<Model, JsError> {
+        let opened = Opened::try_new(OwnedModel::from_bytes(bytes)?, |owner| {
+            View::new_checked(owner.bytes()).map_err(Error::new)
+        })?;
+        Ok(Self(Rc::new(opened)))
+    }
+
+    /// Number of vertices.
+    #[wasm_bindgen(getter)]
+    pub fn vertices(&self) -> usize {
+        self.view().vertices()
+    }
+
+    /// Number of shape components.
+    #[wasm_bindgen(getter, js_name = shapeRank)]
+    pub fn shape_rank(&self) -> usize {
+        self.view().shape.rank()
+    }
+
+    /// Number of albedo components.
+    #[wasm_bindgen(getter, js_name = albedoRank)]
+    pub fn albedo_rank(&self) -> usize {
+        self.view().albedo.rank()
+    }
+
+    /// Names of the landmarks.
+    #[wasm_bindgen(getter)]
+    pub fn landmarks(&self) -> Vec<String> {
+        self.view().landmarks().map(|(name, _)| name.to_owned()).collect()
+    }
+
+    /// Where the model comes from, `key = value` lines.
+    #[wasm_bindgen(getter)]
+    pub fn provenance(&self) -> String {
+        self.view().provenance().to_owned()
+    }
+
+    fn view(&self) -> &View<'_> {
+        self.0.borrow_dependent()
+    }
+}
+
+/// A photo in memory.
+#[wasm_bindgen]
+pub struct Photo(Rc<Picture>);
+
+#[wasm_bindgen]
+impl Photo {
+    /// Decodes a PNG or JPEG as the command does, to the last bit; EXIF orientation is applied.
+    ///
+    /// # Errors
+    /// Other formats, damaged files, pictures that are too large.
+    #[wasm_bindgen(constructor)]
+    pub fn new(bytes: &[u8]) -> Result<Photo, JsError> {
+        Ok(Self(Rc::new(photo::decode(bytes)?)))
+    }
+
+    /// A photo of RGBA bytes, alpha ignored.
+    ///
+    /// # Errors
+    /// Another number of bytes than the size says.
+    #[wasm_bindgen(js_name = fromRgba)]
+    pub fn from_rgba(width: u32, height: u32, rgba: &[u8]) -> Result<Photo, JsError> {
+        let (pixels, rest) = rgba.as_chunks::<4>();
+        if pixels.is_empty() || !rest.is_empty() || pixels.len() as u64 != area(width, height) {
+            let found = rgba.len();
+            return Err(JsError::new(&format!("{found} bytes are not {width}×{height} pixels")));
+        }
+        let rgb = pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
+        Ok(Self(Rc::new(Picture { width, height, rgb })))
+    }
+
+    /// Columns.
+    #[wasm_bindgen(getter)]
+    pub fn width(&self) -> u32 {
+        self.0.width
+    }
+
+    /// Rows.
+    #[wasm_bindgen(getter)]
+    pub fn height(&self) -> u32 {
+        self.0.height
+    }
+
+    /// The photo, shrunk if a side is longer than `limit`.
+    pub fn shown(&self, limit: u32) -> Pixels {
+        let longer = self.0.width.max(self.0.height);
+        if longer <= limit {
+            return Pixels(Picture::clone(&self.0));
+        }
+        let side = |side: u32| (u64::from(side) * u64::from(limit) / u64::from(longer)) as u32;
+        Pixels(self.0.resized(side(self.0.width).max(1), side(self.0.height).max(1)))
+    }
+}
+
+fn area(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height)
+}
+
+/// A picture to show.
+#[wasm_bindgen]
+pub struct Pixels(Picture);
+
+#[wasm_bindgen]
+impl Pixels {
+    /// Columns.
+    #[wasm_bindgen(getter)]
+    pub fn width(&self) -> u32 {
+        self.0.width
+    }
+
+    /// Rows.
+    #[wasm_bindgen(getter)]
+    pub fn height(&self) -> u32 {
+        self.0.height
+    }
+
+    /// RGBA bytes, as `ImageData` takes them.
+    pub fn rgba(&self) -> Vec<u8> {
+        self.0.rgb.iter().flat_map(|&[r, g, b]| [r, g, b, 255]).collect()
+    }
+
+    /// A PNG file.
+    ///
+    /// # Errors
+    /// A picture without pixels.
+    pub fn png(&self) -> Result<Vec<u8>, JsError> {
+        Ok(self.0.to_png()?)
+    }
+}
+
+/// A file to save.
+#[wasm_bindgen(getter_with_clone)]
+#[derive(Clone)]
+pub struct File {
+    /// What it is called.
+    pub name: String,
+    /// What is in it.
+    pub bytes: Vec<u8>,
+}

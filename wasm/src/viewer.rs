@@ -1,0 +1,149 @@
+//! A face to play with: any coefficients, from any side, in any light.
+
+use crate::fit::Fitted;
+use crate::{File, Model, Opened, Pixels};
+use onescan::error::{Error, Result};
+use onescan::mesh::Mesh;
+use onescan::ply::{self, Encoding};
+use onescan::{glb, render};
+use onescan_core::light::{ambient_diffuse, ambient_white, frontal};
+use onescan_core::rng::Rng;
+use onescan_core::scene::{Coefficients, ColorTransform, Light, MAX_RANK, Scene};
+use std::rc::Rc;
+use wasm_bindgen::prelude::*;
+
+/// A model's instance, drawn by the core's rasterizer.
+#[wasm_bindgen]
+pub struct Viewer {
+    model: Rc<Opened>,
+    shape: Vec<f32>,
+    albedo: Vec<f32>,
+    light: Light,
+    color: ColorTransform,
+}
+
+#[wasm_bindgen]
+impl Viewer {
+    /// The model's mean under frontal light.
+    #[wasm_bindgen(constructor)]
+    pub fn new(model: &Model) -> Viewer {
+        let view = model.0.borrow_dependent();
+        let zeros = |rank: usize| vec![0.0; rank.min(MAX_RANK)];
+        Self {
+            shape: zeros(view.shape.rank()),
+            albedo: zeros(view.albedo.rank()),
+            light: frontal(),
+            color: ColorTransform::NEUTRAL,
+            model: Rc::clone(&model.0),
+        }
+    }
+
+    /// Shape coefficients, standard deviations.
+    #[wasm_bindgen(getter)]
+    pub fn shape(&self) -> Vec<f32> {
+        self.shape.clone()
+    }
+
+    /// Albedo coefficients, standard deviations.
+    #[wasm_bindgen(getter)]
+    pub fn albedo(&self) -> Vec<f32> {
+        self.albedo.clone()
+    }
+
+    /// Sets coefficients; those not given are 0, what is not a number too.
+    pub fn set(&mut self, shape: &[f32], albedo: &[f32]) {
+        for (own, new) in [(&mut self.shape, shape), (&mut self.albedo, albedo)] {
+            let finite = |x: &f32| if x.is_finite() { *x } else { 0.0 };
+            let new = new.iter().map(finite).chain(std::iter::repeat(0.0));
+            own.iter_mut().zip(new).for_each(|(own, new)| *own = new);
+        }
+    }
+
+    /// A random face.
+    pub fn random(&mut self, seed: u32) {
+        let mut rng = Rng::new(seed.into(), 0);
+        self.shape = render::random_coefficients(self.shape.len(), &mut rng);
+        self.albedo = render::random_coefficients(self.albedo.len(), &mut rng);
+    }
+
+    /// The face of a fit.
+    pub fn adopt(&mut self, fitted: &Fitted) {
+        let scene = &fitted.summary.parameters;
+        self.set(&scene.shape, &scene.albedo);
+    }
+
+    /// Light by name: `front`, `left`, `right`, `above`, `even`.
+    ///
+    /// # Errors
+    /// Other names.
+    pub fn illuminate(&mut self, name: &str) -> Result<(), JsError> {
+        let from = |direction| ambient_diffuse([0.45; 3], [0.65; 3], direction);
+        self.light = match name {
+            "front" => frontal(),
+            "left" => from([-0.8, 0.1, 0.6]),
+            "right" => from([0.8, 0.1, 0.6]),
+            "above" => from([0.0, 0.9, 0.44]),
+            "even" => ambient_white(),
+            _ => return Err(JsError::new(&format!("no light is called {name}"))),
+        };
+        self.color = ColorTransform::NEUTRAL;
+        Ok(())
+    }
+
+    /// The light and the colours of a fitted photo.
+    #[wasm_bindgen(js_name = illuminateAs)]
+    pub fn illuminate_as(&mut self, fitted: &Fitted) {
+        let scene = &fitted.summary.parameters;
+        (self.light, self.color) = (scene.light, scene.color);
+    }
+
+    /// Draws it on a ground of one colour (`0xrrggbb`), turned by radians.
+    pub fn draw(&self, width: u32, height: u32, yaw: f32, pitch: f32, ground: u32) -> Pixels {
+        let model = self.model.borrow_dependent();
+        let [_, r, g, b] = ground.to_be_bytes();
+        let size = [width, height].map(|side| side.clamp(1, 2048));
+        let portrait = render::portrait(model, size, yaw, pitch);
+        let coefficients = |values: &[f32]| {
+            // As long as the model's rank or MAX_RANK, made so.
+            Coefficients::from_slice(values).unwrap_or_default()
+        };
+        let scene = Scene {
+            light: self.light,
+            color: self.color,
+            shape: coefficients(&self.shape),
+            albedo: coefficients(&self.albedo),
+            ..portrait
+        };
+        Pixels(render::draw_on(model, &scene, [r, g, b]))
+    }
+
+    /// Where a landmark of the model's mean is in such a picture; nothing if it has none of that
+    /// name.
+    pub fn locate(&self, name: &str, width: u32, height: u32, yaw: f32, pitch: f32) -> Vec<f32> {
+        let model = self.model.borrow_dependent();
+        let Some(vertex) = model.landmark(name) else { return Vec::new() };
+        let scene = render::portrait(model, [width, height], yaw, pitch);
+        let mean = render::instance(model, &[], &[]);
+        let point = mean.points.get(vertex as usize).copied().unwrap_or_default();
+        let (x, y, _) = scene.camera.project(scene.pose.to_world(point));
+        vec![x, y]
+    }
+
+    /// The face as `face.glb` and `face.ply`.
+    ///
+    /// # Errors
+    /// None for a model that was opened.
+    pub fn files(&self) -> Result<Vec<File>, JsError> {
+        let mesh = render::instance(self.model.borrow_dependent(), &self.shape, &self.albedo);
+        Ok(vec![
+            File { name: "face.glb".into(), bytes: glb::encode(&mesh, "face")? },
+            File { name: "face.ply".into(), bytes: ply(&mesh)? },
+        ])
+    }
+}
+
+fn ply(mesh: &Mesh) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    ply::write(&mut bytes, mesh, Encoding::default()).map_err(Error::new)?;
+    Ok(bytes)
+}

@@ -1,0 +1,110 @@
+/** The npm package in Node: the README's example, the golden case, and the native fingerprint. */
+
+import assert from 'node:assert/strict';
+import { copyFileSync, mkdirSync, readFileSync, symlinkSync, writeFileSync, existsSync, readdirSync, rmSync } from 'node:fs';
+import { join } from 'node:path';
+import test from 'node:test';
+import { brotliCompressSync } from 'node:zlib';
+import { DIST, OUT, PHOTOS, model, native } from './common.mjs';
+import { create } from '../dist/js/onescan.js';
+
+const bytes = model();
+const modelFile = join(OUT, 'face.3dmm');
+writeFileSync(modelFile, bytes);
+
+test('the example of the README runs', { timeout: 120_000 }, async () => {
+  const place = join(OUT, 'example');
+  rmSync(place, { recursive: true, force: true });
+  mkdirSync(join(place, 'node_modules'), { recursive: true });
+  symlinkSync(DIST, join(place, 'node_modules/onescan'));
+  const readme = readFileSync(join(DIST, 'README.md'), 'utf8');
+  const [, code] = /```js\n([\s\S]*?)```/.exec(readme);
+  writeFileSync(join(place, 'example.mjs'), code);
+  copyFileSync(modelFile, join(place, 'face.3dmm'));
+  copyFileSync(join(PHOTOS, 'astronaut.png'), join(place, 'photo.png'));
+  copyFileSync(join(PHOTOS, 'astronaut.tlms'), join(place, 'photo.tlms'));
+  const { execFileSync } = await import('node:child_process');
+  const printed = execFileSync('node', ['example.mjs'], { cwd: place, encoding: 'utf8' });
+  const { fingerprint, command } = JSON.parse(readFileSync(join(place, 'fit.json'), 'utf8'));
+  assert.equal(printed.trim().split('\n').at(-1), fingerprint);
+  assert.equal(fingerprint, native(modelFile, 'astronaut.png', ['--samples', '500']).fingerprint);
+  assert.match(command, /^onescan fit face.3dmm photo.png --landmarks photo.tlms .* --samples 500$/);
+  for (const name of ['mesh.glb', 'mesh.ply', 'overlay.png', 'report.html', 'fit.rps', 'photo.tlms']) {
+    assert.ok(existsSync(join(place, name)), name);
+  }
+});
+
+test('a JPEG gives the native fit, steps of any number, run or stepped', { timeout: 120_000 }, async () => {
+  const expected = native(modelFile, 'grace_hopper.jpg', ['--samples', '300', '--landmark-samples', '500']);
+  const onescan = await create();
+  const job = {
+    model: onescan.model(bytes),
+    photo: onescan.photo(new Uint8Array(readFileSync(join(PHOTOS, 'grace_hopper.jpg')))),
+    landmarks: readFileSync(join(PHOTOS, 'grace_hopper.tlms'), 'utf8'),
+    samples: 300,
+    landmarkSamples: 500,
+  };
+  const stepped = onescan.fit(job);
+  let made = 0;
+  for (let count = 1, last = 1; last > 0; count += 1) made += last = stepped.step(count);
+  assert.equal(made, 800);
+  assert.equal(stepped.fingerprint, expected.fingerprint);
+
+  const run = onescan.fit(job);
+  let events = 0;
+  run.addEventListener('progress', () => {
+    events += 1;
+    if (events === 2) {
+      run.pause();
+      setTimeout(() => run.resume(), 30);
+    }
+  });
+  assert.equal(await run.run(), true);
+  assert.ok(events > 2);
+  assert.equal(run.fingerprint, expected.fingerprint);
+  const summary = JSON.parse(run.finish().json());
+  for (const key of ['parameters', 'proposals', 'trace', 'pixel_rmse', 'log_likelihood', 'accepted']) {
+    assert.deepEqual(summary[key], expected[key], key);
+  }
+  const cancelled = onescan.fit(job);
+  cancelled.addEventListener('progress', () => cancelled.cancel());
+  assert.equal(await cancelled.run(), false);
+});
+
+test('a visitor does not wait for long', () => {
+  const size = (bytes) => brotliCompressSync(bytes).length;
+  let program = 0;
+  for (const directory of ['', 'js', 'js/wasm', 'page']) {
+    for (const name of readdirSync(join(DIST, directory))) {
+      if (/(?<!\.d)\.(html|css|js|wasm)$/.test(name)) program += size(readFileSync(join(DIST, directory, name)));
+    }
+  }
+  const face = readFileSync(join(DIST, 'face.3dmm.gz')).length;
+  console.log(`program and scripts ${program} bytes (brotli), model ${face} bytes (gzip)`);
+  assert.ok(program <= 300_000);
+  assert.ok(face <= 3_000_000);
+});
+
+test('what is wrong is said', async () => {
+  const onescan = await create();
+  const good = onescan.model(bytes);
+  const photo = onescan.photo({ width: 64, height: 64, data: new Uint8Array(64 * 64 * 4) });
+  const landmarks = good.landmarks.slice(0, 4).map((name, i) => ({ name, x: 20 + 5 * i, y: 30 + 3 * i }));
+  const damaged = bytes.slice();
+  damaged[5000] ^= 1;
+  const cases = [
+    [() => onescan.model(bytes.subarray(0, 1000)), /bytes/],
+    [() => onescan.model(new Uint8Array(99)), /model/],
+    [() => onescan.model(damaged), /damaged|checksum/],
+    [() => onescan.photo(new Uint8Array(9)), /PNG or JPEG/],
+    [() => onescan.photo({ width: 2, height: 2, data: [1] }), /2×2/],
+    [() => onescan.fit({ model: good, photo, landmarks: [] }), /mark at least 4/],
+    [() => onescan.fit({ model: good, photo, landmarks: 'nose 1 2' }), /line 1/],
+    [() => onescan.fit({ model: good, photo, landmarks: [{ name: 'nose', x: 1, y: 2 }] }), /no landmark `nose`/],
+    [() => onescan.fit({ model: good, photo, landmarks, seed: -1 }), /settings/],
+    [() => onescan.fit({ model: good, photo, landmarks, shapeRank: 1000 }), /at most 200/],
+    [() => onescan.fit({ model: good, photo, landmarks, size: 1e6 }), /size is 1000000/],
+    [() => onescan.fit({ model: good, photo, landmarks, sample: 5 }), /unknown field `sample`/],
+  ];
+  for (const [wrong, message] of cases) assert.throws(wrong, message);
+});

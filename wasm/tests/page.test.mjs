@@ -1,0 +1,319 @@
+/** The page in Chromium, as a visitor uses it. Pictures of it are left in target/browser. */
+
+import assert from 'node:assert/strict';
+import { readFileSync, writeFileSync } from 'node:fs';
+import { join } from 'node:path';
+import test, { after, before } from 'node:test';
+import { OUT, PHOTOS, model, native, open } from './common.mjs';
+
+const DESKTOP = { width: 1280, height: 900 };
+const PHONE = { width: 390, height: 844 };
+
+let site;
+before(async () => {
+  site = await open();
+});
+after(() => site?.close());
+
+/** A fresh page, and whatever it does that it should not. */
+async function visit(viewport, setUp = async () => {}) {
+  const context = await site.browser.newContext({ viewport, acceptDownloads: true });
+  const page = await context.newPage();
+  const faults = [];
+  page.on('pageerror', (error) => faults.push(`error: ${error.message}`));
+  page.on('console', (message) => {
+    if (message.type() === 'error' && !/favicon/.test(message.text())) faults.push(message.text());
+  });
+  page.on('request', (request) => {
+    const url = request.url();
+    if (!/^(blob:|data:)/.test(url) && !url.startsWith(site.origin)) faults.push(`request: ${url}`);
+  });
+  await setUp(page);
+  await page.goto(site.origin);
+  return { page, faults, close: () => context.close() };
+}
+
+const message = (page) => page.locator('#message').innerText();
+const said = (page, text, timeout = 20_000) =>
+  page
+    .waitForFunction((t) => document.getElementById('message').textContent.includes(t), text, { timeout })
+    .catch(async () => assert.fail(`“${text}” was not said, but: ${await message(page)}`));
+const ready = (page) => page.locator('#result').waitFor({ state: 'visible' });
+const shot = (page, name) => page.screenshot({ path: join(OUT, `${name}.png`), fullPage: true });
+
+/**
+ * Milliseconds the page's main thread computed in its longest task. Of its own time, so that a busy
+ * machine does not count.
+ */
+function longestTask(events) {
+  const mains = events.filter(({ name, args }) => name === 'thread_name' && args.name === 'CrRendererMain');
+  const threads = new Set(mains.map(({ pid, tid }) => `${pid} ${tid}`));
+  const tasks = events.filter(({ tdur, pid, tid }) => tdur > 0 && threads.has(`${pid} ${tid}`));
+  assert.ok(tasks.length > 100, `${tasks.length} tasks were traced`);
+  return Math.max(...tasks.map(({ tdur }) => tdur)) / 1000;
+}
+
+const parse = (text) =>
+  text.trim().split('\n').map((line) => line.split(/\s+/))
+    .filter(([, visible]) => visible !== '0')
+    .map(([name, , x, y]) => ({ name, x: Number(x), y: Number(y) }));
+/** A photo's landmarks, set by hand. */
+const landmarks = (photo) => parse(readFileSync(join(PHOTOS, `${photo}.tlms`), 'utf8'));
+
+async function download(page, selector) {
+  const [file] = await Promise.all([page.waitForEvent('download'), page.click(selector)]);
+  return { name: file.suggestedFilename(), bytes: readFileSync(await file.path()) };
+}
+
+/** The colours of a canvas, shrunk to a few. */
+const look = (page, id) =>
+  page.evaluate((canvasId) => {
+    const canvas = document.createElement('canvas');
+    canvas.width = canvas.height = 32;
+    const draw = canvas.getContext('2d');
+    draw.drawImage(document.getElementById(canvasId), 0, 0, 32, 32);
+    return [...draw.getImageData(0, 0, 32, 32).data];
+  }, id);
+
+const difference = (a, b) => a.reduce((sum, value, i) => sum + Math.abs(value - b[i]), 0) / a.length;
+
+test('a sample is fitted to the native fingerprint, turned, changed, saved', { timeout: 300_000 }, async () => {
+  const { page, faults, close } = await visit(DESKTOP);
+  await ready(page);
+  await shot(page, 'start');
+  await page.click('[data-sample="astronaut.png"]');
+  await said(page, 'Press Fit');
+  assert.equal(await page.locator('#handles g').count(), landmarks('astronaut').length);
+  await shot(page, 'landmarks');
+
+  await site.browser.startTracing(page, { categories: ['toplevel'] });
+  const before = performance.now();
+  await page.click('#fit');
+  await page.waitForFunction(() => document.getElementById('speed').textContent.includes('steps/s'));
+  await page.click('#pause');
+  await page.locator('#pause', { hasText: 'Resume' }).waitFor();
+  const paused = await page.locator('#speed').innerText();
+  await page.waitForTimeout(300);
+  assert.equal(await page.locator('#speed').innerText(), paused);
+  await page.click('#pause');
+  await said(page, 'Done', 120_000);
+  const seconds = (performance.now() - before) / 1000;
+  const longest = longestTask(JSON.parse(await site.browser.stopTracing()).traceEvents);
+
+  const summary = JSON.parse((await download(page, '[data-save="fit.json"]')).bytes);
+  const modelFile = join(OUT, 'page.3dmm');
+  writeFileSync(modelFile, model());
+  const expected = native(modelFile, 'astronaut.png');
+  assert.equal(summary.fingerprint, expected.fingerprint);
+  assert.deepEqual(summary.parameters, expected.parameters);
+  assert.ok((await page.locator('#facts').innerText()).includes(expected.fingerprint));
+  const ratio = summary.steps_per_second / expected.steps_per_second;
+  console.log(
+    `browser ${summary.steps_per_second.toFixed(0)} steps/s, native ${expected.steps_per_second.toFixed(0)}: ` +
+      `${ratio.toFixed(2)}; ${seconds.toFixed(1)} s in all; longest task of the page ${longest.toFixed(1)} ms`,
+  );
+  await shot(page, 'done');
+
+  const frontal = await look(page, 'view');
+  await page.locator('#view').focus();
+  for (let i = 0; i < 4; i += 1) await page.keyboard.press('ArrowRight');
+  await page.waitForTimeout(500);
+  const turned = await look(page, 'view');
+  assert.ok(difference(frontal, turned) > 2, 'arrow keys turn the face');
+  const box = await page.locator('#view').boundingBox();
+  await page.mouse.move(box.x + 200, box.y + 200);
+  await page.mouse.down();
+  await page.mouse.move(box.x + 100, box.y + 220, { steps: 5 });
+  await page.mouse.up();
+  await page.waitForTimeout(500);
+  assert.ok(difference(turned, await look(page, 'view')) > 2, 'dragging turns the face');
+  await page.selectOption('#light', 'left');
+  await page.click('#show-random');
+  await page.waitForTimeout(500);
+  await shot(page, 'random');
+  const slider = page.locator('#sliders input').first();
+  const random = await look(page, 'view');
+  await slider.fill('3');
+  await page.waitForTimeout(500);
+  assert.ok(difference(random, await look(page, 'view')) > 0.2, 'a slider changes the face');
+  await page.click('#show-fitted');
+
+  const glb = await download(page, '[data-save="face.glb"]');
+  assert.equal(glb.bytes.subarray(0, 4).toString(), 'glTF');
+  const ply = await download(page, '[data-save="face.ply"]');
+  assert.equal(ply.bytes.subarray(0, 3).toString(), 'ply');
+  const png = await download(page, '[data-save="face.png"]');
+  assert.equal(png.bytes.subarray(1, 4).toString(), 'PNG');
+  assert.match((await download(page, '[data-save="report.html"]')).bytes.toString(), /^<!doctype html>/i);
+  assert.match((await download(page, '[data-save=".tlms"]')).bytes.toString(), /center.nose.tip 1 /);
+
+  await page.click('#verify');
+  await page.locator('#verified', { hasText: 'the same to the last bit' }).waitFor({ timeout: 120_000 });
+  assert.deepEqual(faults, []);
+  await close();
+  assert.ok(longest < 50, `a task of ${longest} ms holds up the page`);
+});
+
+test('the page is seen before the model is there', async () => {
+  let release;
+  const held = new Promise((resolve) => (release = resolve));
+  const { page, close } = await visit(PHONE, (it) =>
+    it.route('**/face.3dmm.gz', async (route) => {
+      await held;
+      await route.continue();
+    }),
+  );
+  await page.locator('#drop').waitFor({ state: 'visible' });
+  const paint = () => page.evaluate(() => performance.getEntriesByName('first-contentful-paint').length);
+  await page.waitForFunction(() => performance.getEntriesByName('first-contentful-paint').length > 0);
+  assert.equal(await paint(), 1);
+  assert.equal(await page.locator('#result').isVisible(), false);
+  release();
+  await ready(page);
+  await close();
+});
+
+test('a phone: landmarks are found, moved by keys, and the fit runs', { timeout: 300_000 }, async () => {
+  const { page, faults, close } = await visit(PHONE);
+  await ready(page);
+  await page.locator('summary').click();
+  await page.fill('#samples', '400');
+  await page.locator('summary').click();
+  await page.setInputFiles('#file', join(PHOTOS, 'obama.jpg'));
+  await said(page, 'Found them');
+  assert.equal(await page.locator('#handles g').count(), 16);
+  await shot(page, 'phone-landmarks');
+  const handle = page.locator('#handles g').nth(9);
+  const place = () => handle.getAttribute('transform');
+  const start = await place();
+  await handle.focus();
+  await page.keyboard.press('Shift+ArrowLeft');
+  assert.notEqual(await place(), start);
+  await page.keyboard.press('Shift+ArrowRight');
+  await page.click('#fit');
+  await said(page, 'Done', 120_000);
+  // What was found is near what was set by hand: within a tenth of the distance of the eyes.
+  const found = parse((await download(page, '[data-save=".tlms"]')).bytes.toString());
+  const byHand = landmarks('obama');
+  const distance = (a, b) => Math.hypot(a.x - b.x, a.y - b.y);
+  const named = (all, name) => all.find((landmark) => landmark.name === name);
+  const eyes = ['right', 'left'].map((side) => named(byHand, `${side}.eye.corner_outer`));
+  for (const landmark of found) {
+    const share = distance(landmark, named(byHand, landmark.name)) / distance(...eyes);
+    assert.ok(share < 0.1, `${landmark.name}: ${share}`);
+  }
+  await shot(page, 'phone');
+  const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+  assert.equal(overflow, 0, 'nothing is wider than the screen');
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test('landmarks by hand, keyboard alone', { timeout: 120_000 }, async () => {
+  const { page, close } = await visit(DESKTOP);
+  await ready(page);
+  await page.click('[data-sample="grace_hopper.jpg"]');
+  await said(page, 'Press Fit');
+  await page.click('#clear');
+  assert.equal(await page.locator('#handles g').count(), 0);
+  assert.equal(await page.locator('#fit').isDisabled(), true);
+  const box = await page.locator('#stage').boundingBox();
+  for (const [x, y] of [[0.45, 0.4], [0.49, 0.4], [0.52, 0.4]]) {
+    await page.mouse.click(box.x + x * box.width, box.y + y * box.height);
+  }
+  await page.click('#skip');
+  await page.mouse.click(box.x + 0.45 * box.width, box.y + 0.45 * box.height);
+  assert.equal(await page.locator('#handles g').count(), 4);
+  const labels = await page.locator('#handles g').evaluateAll((all) => all.map((g) => g.getAttribute('aria-label')));
+  assert.match(labels[3], /^right eye corner outer/);
+  assert.equal(await page.locator('#fit').isDisabled(), false);
+  await shot(page, 'by-hand');
+  await page.locator('#handles g').nth(0).focus();
+  await page.keyboard.press('Delete');
+  assert.equal(await page.locator('#handles g').count(), 3);
+  assert.equal(await page.locator('#fit').isDisabled(), true);
+  await close();
+});
+
+test('a running fit is cancelled, and the page goes on', { timeout: 120_000 }, async () => {
+  const { page, close } = await visit(DESKTOP);
+  await ready(page);
+  await page.click('[data-sample="astronaut.png"]');
+  await said(page, 'Press Fit');
+  await page.click('#fit');
+  await page.waitForFunction(() => document.getElementById('progress').value > 0.6);
+  await page.click('#pause');
+  await shot(page, 'fitting');
+  await page.click('#cancel');
+  await said(page, 'Cancelled');
+  assert.equal(await page.locator('#fit').isDisabled(), false);
+  await close();
+});
+
+test('what is damaged is refused with a message, and nothing is lost', async () => {
+  const { page, close } = await visit(DESKTOP);
+  await ready(page);
+  const file = (name, buffer) => ({ name, mimeType: 'application/octet-stream', buffer: Buffer.from(buffer) });
+  await page.setInputFiles('#file', file('broken.jpg', readFileSync(join(PHOTOS, 'obama.jpg')).subarray(0, 200_000)));
+  await said(page, 'broken.jpg: the JPEG is cut off');
+  await page.setInputFiles('#file', file('notes.txt', 'not a picture'));
+  await said(page, 'notes.txt: not a picture this browser reads');
+  const bytes = Buffer.from(model());
+  bytes[100_000] ^= 1;
+  await page.locator('summary').click();
+  await page.setInputFiles('#model', file('own.3dmm', bytes));
+  await said(page, 'own.3dmm: ');
+  assert.match(await message(page), /damaged|checksum/);
+  await page.fill('#seed', '-3');
+  await page.click('[data-sample="astronaut.png"]');
+  await said(page, 'Press Fit');
+  await page.click('#fit');
+  await said(page, 'Seed is “-3”');
+  await page.fill('#seed', '11');
+  await page.setInputFiles('#model', file('own.3dmm', model()));
+  await said(page, 'own.3dmm is the model now');
+  const left = await page.locator('#handles g').count();
+  assert.equal(left, landmarks('astronaut').length, 'the landmarks stay');
+  await close();
+});
+
+test('the camera', async () => {
+  const { page, faults, close } = await visit(PHONE);
+  await ready(page);
+  await page.click('#camera');
+  await page.locator('#video').waitFor({ state: 'visible' });
+  await shot(page, 'camera');
+  await page.click('#shoot');
+  // Chromium's test picture has no face.
+  await said(page, 'No face was found');
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test('nothing leaves the page', async () => {
+  const { page, close } = await visit(DESKTOP);
+  await ready(page);
+  const policy = await page.getAttribute('meta[http-equiv="Content-Security-Policy"]', 'content');
+  assert.match(policy, /connect-src 'self';/);
+  const elsewhere = 'http://localhost:9/';
+  const tried = await page.evaluate(async (url) => {
+    const refused = [];
+    document.addEventListener('securitypolicyviolation', (event) => refused.push(event.effectiveDirective));
+    await fetch(url, { method: 'POST', body: 'photo', mode: 'no-cors' }).catch(() => {});
+    navigator.sendBeacon(url, 'photo');
+    new Image().src = `${url}?photo`;
+    await new Promise((resolve) => setTimeout(resolve, 200));
+    return refused;
+  }, elsewhere);
+  assert.deepEqual([...new Set(tried)].sort(), ['connect-src', 'img-src']);
+  // The worker obeys, too.
+  const worker = await page.workers()[0].evaluate(async (url) => {
+    const refused = new Promise((resolve) =>
+      addEventListener('securitypolicyviolation', (event) => resolve(event.effectiveDirective)),
+    );
+    await fetch(url, { mode: 'no-cors' }).catch(() => {});
+    return refused;
+  }, elsewhere);
+  assert.equal(worker, 'connect-src');
+  await close();
+});

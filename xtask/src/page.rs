@@ -1,0 +1,198 @@
+//! `cargo xtask wasm`, `serve`, `browser`: the browser's shell and its page.
+
+use crate::shell::{cargo, command, output, root, run as sh, target};
+use crate::targets::{Cross, install};
+use crate::{Outcome, no_arguments};
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+const TARGET: &str = "wasm32-unknown-unknown";
+
+/// Files of the face mesh that a browser of today loads.
+const FACE_MESH: &[&str] = &[
+    "face_mesh.js",
+    "face_mesh.binarypb",
+    "face_mesh_solution_packed_assets_loader.js",
+    "face_mesh_solution_packed_assets.data",
+    "face_mesh_solution_simd_wasm_bin.js",
+    "face_mesh_solution_simd_wasm_bin.wasm",
+];
+
+/// `cargo xtask wasm`.
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    no_arguments(arguments)?;
+    build()
+}
+
+/// `cargo xtask serve [PORT]`.
+pub(crate) fn serve(arguments: &[String]) -> Outcome {
+    let port = match arguments {
+        [] => "8080",
+        [port] if port.parse::<u16>().is_ok() => port,
+        _ => return Err("expected one port number".into()),
+    };
+    build()?;
+    println!("open http://localhost:{port}");
+    let server = root().join("wasm/node_modules/.bin/sirv");
+    sh(&mut command(server, ["wasm/dist", "--quiet", "--port", port]))
+}
+
+/// `cargo xtask browser`.
+pub(crate) fn test(arguments: &[String]) -> Outcome {
+    no_arguments(arguments)?;
+    check()
+}
+
+/// Builds the page and tries it in a real browser.
+pub(crate) fn check() -> Outcome {
+    build()?;
+    if output(&mut command("chromium", ["--version"])).is_err() {
+        install(&["chromium"])?;
+    }
+    sh(&mut cargo(["build", "--quiet", "--release", "--package", "onescan"]))?;
+    let onescan = target().join("release/onescan");
+    let place = target().join("browser");
+    fs::create_dir_all(&place).map_err(|e| fault(&place, &e))?;
+    sh(command("node", ["--test", "wasm/tests"]).env("ONESCAN", onescan).env("OUT", place))
+}
+
+/// Everything into wasm/dist: the page, and the npm package it is made of.
+fn build() -> Outcome {
+    let wasm = root().join("wasm");
+    let dist = wasm.join("dist");
+    if dist.exists() {
+        fs::remove_dir_all(&dist).map_err(|e| fault(&dist, &e))?;
+    }
+    packages(&wasm)?;
+    let copy = |from: &Path, to: &str| {
+        let to = dist.join(to);
+        let directory = to.parent().unwrap_or(&dist);
+        fs::create_dir_all(directory).map_err(|e| fault(directory, &e))?;
+        fs::copy(from, &to).map(|_| ()).map_err(|e| fault(from, &e))
+    };
+    for directory in ["js", "page"] {
+        for file in files(&wasm.join(directory))? {
+            let name = file.file_name().unwrap_or_default().to_string_lossy();
+            copy(&file, &format!("{directory}/{name}"))?;
+        }
+    }
+    for name in ["index.html", "package.json", "README.md"] {
+        copy(&wasm.join(name), name)?;
+    }
+    for name in ["LICENSE-MIT", "LICENSE-APACHE"] {
+        copy(&root().join(name), name)?;
+    }
+    let face_mesh = wasm.join("node_modules/@mediapipe/face_mesh");
+    for name in FACE_MESH {
+        copy(&face_mesh.join(name), &format!("page/vendor/face_mesh/{name}"))?;
+    }
+    // The package says Apache-2.0 but carries no text of it.
+    copy(&root().join("LICENSE-APACHE"), "page/vendor/face_mesh/LICENSE")?;
+    fs::write(dist.join("LICENSES.txt"), licences()?).map_err(|e| fault(&dist, &e))?;
+    for photo in ["astronaut.png", "grace_hopper.jpg", "obama.jpg"] {
+        let landmarks = Path::new(photo).with_extension("tlms");
+        for name in [Path::new(photo), &landmarks] {
+            let to = format!("samples/{}", name.display());
+            copy(&root().join("fixtures/photos").join(name), &to)?;
+        }
+    }
+    program(&dist.join("js/wasm"))?;
+    for configuration in ["tsconfig.json", "tsconfig.types.json"] {
+        let compiler = wasm.join("node_modules/.bin/tsc");
+        sh(&mut command(compiler, ["--project", &format!("wasm/{configuration}")]))?;
+    }
+    fs::write(dist.join("face.3dmm.gz"), model()?).map_err(|e| fault(&dist, &e))?;
+    println!("the page is in {}", dist.display());
+    Ok(())
+}
+
+/// What the page is made of, and under which licences.
+fn licences() -> Result<String, String> {
+    let tree = ["tree", "--package", "onescan-wasm", "--target", TARGET, "--edges", "normal"];
+    let format = ["--prefix", "none", "--format", "{p}: {l}"];
+    let crates = output(cargo(tree).args(format))?;
+    // Ours have a path, and what was listed before a mark.
+    let mut crates: Vec<&str> = crates.lines().filter(|line| !line.contains(" (")).collect();
+    crates.sort_unstable();
+    crates.dedup();
+    Ok(format!(
+        "onescan and this page: MIT (LICENSE-MIT) or Apache-2.0 (LICENSE-APACHE), at your option.\n\n\
+         Landmarks are found by @mediapipe/face_mesh, Google: Apache-2.0\n\
+         (page/vendor/face_mesh/LICENSE).\n\n\
+         The face model is made from a scan that is in the public domain (CC0). The sample photos\n\
+         are by NASA, the US Navy and the White House: in the public domain.\n\n\
+         The program contains these Rust crates:\n{}\n",
+        crates.join("\n")
+    ))
+}
+
+/// Node and what the page takes from npm.
+fn packages(wasm: &Path) -> Outcome {
+    if output(&mut command("npm", ["--version"])).is_err() {
+        install(&["nodejs", "npm"])?;
+    }
+    let (lock, done) = (wasm.join("package-lock.json"), wasm.join("node_modules/.done"));
+    let [wanted, had] = [&lock, &done].map(|path| fs::read(path).unwrap_or_default());
+    if wanted == had {
+        return Ok(());
+    }
+    sh(command("npm", ["ci", "--no-audit", "--no-fund"]).current_dir(wasm))?;
+    fs::copy(&lock, &done).map(|_| ()).map_err(|e| fault(&done, &e))
+}
+
+/// The module and its glue.
+fn program(place: &Path) -> Outcome {
+    let crate_ = root().join("wasm");
+    let module = Cross {
+        target: TARGET,
+        crate_: &crate_,
+        arguments: &["build", "--profile", "web"],
+        std: "std,panic_abort",
+        flags: "-C target-feature=+simd128",
+        debian_flags: "-C linker=wasm-ld-19",
+    };
+    let built = target().join("wasm");
+    module.build(&built)?;
+    let module = built.join(TARGET).join("web/onescan_wasm.wasm");
+    let tool = target().join("bindgen");
+    let build = ["build", "--quiet", "--target-dir"];
+    sh(cargo(build).arg(&tool).current_dir(crate_.join("bindgen")))?;
+    sh(command(tool.join("debug/onescan-bindgen"), [module]).arg(place))
+}
+
+/// The page's model, compressed.
+fn model() -> Result<Vec<u8>, String> {
+    let place = target().join("page");
+    fs::create_dir_all(&place).map_err(|e| fault(&place, &e))?;
+    let [full, small] = ["face.3dmm", "page.3dmm"].map(|name| place.join(name));
+    let onescan = |arguments: &[&str], to: &Path| {
+        let run = ["run", "--quiet", "--release", "--package", "onescan", "--", "--quiet"];
+        sh(cargo(run).args(arguments).arg("-o").arg(to))
+    };
+    let scan = "fixtures/face/template.ply";
+    onescan(&["build", scan, "--landmarks", "fixtures/face/landmarks.json"], &full)?;
+    onescan(&["export", &full.to_string_lossy(), "--page"], &small)?;
+    compressed(&fs::read(&small).map_err(|e| fault(&small, &e))?)
+}
+
+fn compressed(bytes: &[u8]) -> Result<Vec<u8>, String> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+    encoder.write_all(bytes).and_then(|()| encoder.finish()).map_err(|e| e.to_string())
+}
+
+/// The files, not the directories, of a directory.
+fn files(directory: &Path) -> Result<Vec<PathBuf>, String> {
+    let entries = fs::read_dir(directory).map_err(|e| fault(directory, &e))?;
+    let paths = entries.map(|entry| entry.map(|entry| entry.path()));
+    let mut paths: Vec<_> = paths.collect::<Result<_, _>>().map_err(|e| fault(directory, &e))?;
+    paths.retain(|path| path.is_file());
+    paths.sort();
+    Ok(paths)
+}
+
+fn fault(path: &Path, error: &dyn std::fmt::Display) -> String {
+    format!("{}: {error}", path.display())
+}
