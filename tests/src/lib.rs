@@ -1,5 +1,6 @@
 //! What the whole-system tests share.
 
 pub mod coarse;
+pub mod full;
 pub mod identities;
 pub mod program;

@@ -5,6 +5,7 @@ use onescan::demo::template;
 use onescan::ply::{self, Encoding};
 use onescan::{photo, picture};
 use onescan_tests::coarse::coarse;
+use onescan_tests::full;
 use onescan_tests::program::{Onescan, fingerprint, fixtures, json, target};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -57,6 +58,25 @@ fn golden_results() {
     }
     fingerprints(out.path());
     pictures(out.path());
+}
+
+/// The full-size case. Its inputs stay in target/full: `cargo xtask` gives them to other shells,
+/// which must come to the same fingerprint.
+#[test]
+fn full_size() {
+    let out = target().join("full");
+    fs::create_dir_all(&out).unwrap();
+    full::write(&out, &fixtures().join("photos")).unwrap();
+    let fit = "fit face.3dmm @photos/astronaut.png --landmarks @photos/astronaut.tlms -o fit";
+    Onescan::new(&out, fit).succeed();
+    let found = format!("fingerprint {}\n", fingerprint(&json(&out.join("fit/fit.json"))));
+    let path = golden().join("full.txt");
+    if writes("results") {
+        fs::write(&path, found).unwrap();
+        return;
+    }
+    let expected = fs::read_to_string(&path).unwrap();
+    assert_eq!(found, expected, "the fingerprint changed; if it should, cargo xtask golden");
 }
 
 fn fingerprints(out: &Path) {

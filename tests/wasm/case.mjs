@@ -1,9 +1,10 @@
-// Fits the case of tests/case in WebAssembly by the C library's functions and prints its
-// fingerprint: node case.mjs LIBRARY.wasm CASE_DIRECTORY
+// Fits a case in WebAssembly by the C library's functions and prints its fingerprint:
+// node case.mjs LIBRARY.wasm CASE_DIRECTORY [small]
+// by default settings, or by those of tests/case.
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 
-const [library, place] = process.argv.slice(2);
+const [library, place, small] = process.argv.slice(2);
 const { instance } = await WebAssembly.instantiate(readFileSync(library), {});
 const { memory, ...onescan } = instance.exports;
 
@@ -36,8 +37,9 @@ function check(status, what) {
 }
 
 const model = readFileSync(join(place, "face.3dmm"));
-const header = "P6\n64 64\n255\n";
-const rgb = readFileSync(join(place, "photo.ppm")).subarray(header.length);
+const photo = readFileSync(join(place, "photo.ppm"));
+const [header, width, height] = /^P6\n(\d+) (\d+)\n255\n/.exec(photo.toString("latin1"));
+const rgb = photo.subarray(header.length);
 const lines = readFileSync(join(place, "photo.tlms"), "utf8").trim().split("\n");
 
 const modelAt = put(model);
@@ -55,23 +57,25 @@ const info = allocate(20);
 check(onescan.onescan_model_info(modelAt, model.length, info), "model");
 const settings = allocate(40);
 onescan.onescan_default_settings(settings);
-view().setUint32(settings + 8, 30, true); // shape_rank
-view().setUint32(settings + 12, 30, true); // albedo_rank
-view().setUint32(settings + 16, 1000, true); // landmark_samples
-view().setUint32(settings + 20, 2000, true); // samples
-view().setFloat32(settings + 24, 1, true); // landmark_sd
-view().setFloat32(settings + 32, 5, true); // pixel_patch
+if (small) {
+  view().setUint32(settings + 8, 30, true); // shape_rank
+  view().setUint32(settings + 12, 30, true); // albedo_rank
+  view().setUint32(settings + 16, 1000, true); // landmark_samples
+  view().setUint32(settings + 20, 2000, true); // samples
+  view().setFloat32(settings + 24, 1, true); // landmark_sd
+  view().setFloat32(settings + 32, 5, true); // pixel_patch
+}
 
-const words = onescan.onescan_words(info, settings, lines.length, 64, 64);
+const words = onescan.onescan_words(info, settings, lines.length, width, height);
 const room = allocate(4 * words);
 const fit = allocate(8 * 3072);
 check(
   onescan.onescan_start(
-    fit, modelAt, model.length, rgbAt, 64, 64, landmarks, lines.length, settings, room, words,
+    fit, modelAt, model.length, rgbAt, width, height, landmarks, lines.length, settings, room, words,
   ),
   "start",
 );
-while (onescan.onescan_step(fit, 500) > 0);
+while (onescan.onescan_step(fit, 500) > 0) {}
 const progress = allocate(24);
 check(onescan.onescan_progress(fit, progress), "progress");
 const fingerprint = view().getBigUint64(progress + 8, true);

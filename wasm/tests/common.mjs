@@ -17,6 +17,9 @@ export const PHOTOS = at('../../fixtures/photos');
 export const OUT = process.env.OUT ?? at('../dist/test');
 const ONESCAN = process.env.ONESCAN ?? at('../../target/release/onescan');
 
+/** Lines that every target computes. */
+export const golden = (name) => readFileSync(at(`../../fixtures/golden/${name}.txt`), 'utf8');
+
 /** The page's model. */
 export const model = () => gunzipSync(readFileSync(join(DIST, 'face.3dmm.gz')));
 

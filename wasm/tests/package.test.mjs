@@ -5,7 +5,7 @@ import { copyFileSync, mkdirSync, readFileSync, symlinkSync, writeFileSync, exis
 import { join } from 'node:path';
 import test from 'node:test';
 import { brotliCompressSync } from 'node:zlib';
-import { DIST, OUT, PHOTOS, model, native } from './common.mjs';
+import { DIST, OUT, PHOTOS, golden, model, native } from './common.mjs';
 import { create } from '../dist/js/onescan.js';
 
 const bytes = model();
@@ -69,6 +69,17 @@ test('a JPEG gives the native fit, steps of any number, run or stepped', { timeo
   const cancelled = onescan.fit(job);
   cancelled.addEventListener('progress', () => cancelled.cancel());
   assert.equal(await cancelled.run(), false);
+});
+
+test('the full-size golden case', { timeout: 120_000 }, async () => {
+  const onescan = await create();
+  const fit = onescan.fit({
+    model: onescan.model(readFileSync(join(process.env.FULL, 'face.3dmm'))),
+    photo: onescan.photo(new Uint8Array(readFileSync(join(PHOTOS, 'astronaut.png')))),
+    landmarks: readFileSync(join(PHOTOS, 'astronaut.tlms'), 'utf8'),
+  });
+  while (fit.step(1000) > 0);
+  assert.equal(`fingerprint ${fit.fingerprint}`, golden('full').trim());
 });
 
 test('a visitor does not wait for long', () => {

@@ -3,8 +3,10 @@
 import assert from 'node:assert/strict';
 import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
+import { fileURLToPath } from 'node:url';
 import test, { after, before } from 'node:test';
-import { OUT, PHOTOS, model, native, open } from './common.mjs';
+import { OUT, PHOTOS, golden, model, native, open } from './common.mjs';
+import { compare, lines } from '../../tests/wasm/stages.mjs';
 
 const DESKTOP = { width: 1280, height: 900 };
 const PHONE = { width: 390, height: 844 };
@@ -152,6 +154,36 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   assert.deepEqual(faults, []);
   await close();
   assert.ok(longest < 50, `a task of ${longest} ms holds up the page`);
+});
+
+test('Chromium computes the golden stages and fits', { timeout: 300_000 }, async () => {
+  const stages = new URL('../../tests/wasm/stages.mjs', import.meta.url);
+  const { page, close } = await visit(DESKTOP, (it) =>
+    it.route('**/stages.mjs', (route) => route.fulfill({ path: fileURLToPath(stages), contentType: 'text/javascript' })),
+  );
+  await ready(page);
+  for (const kind of ['SCALAR', 'SIMD128']) {
+    const bytes = readFileSync(process.env[`STAGES_${kind}`]).toString('base64');
+    const found = await page.evaluate(
+      async ([run, encoded, expected]) => {
+        const { lines: compute } = await import(run);
+        return compute(Uint8Array.from(atob(encoded), (c) => c.charCodeAt(0)), expected);
+      },
+      ['/stages.mjs', bytes, golden('device')],
+    );
+    compare(found, golden('device'));
+  }
+  // The page's own program, a model of full size, everything by default.
+  await page.locator('summary').click();
+  await page.setInputFiles('#model', join(process.env.FULL, 'face.3dmm'));
+  await said(page, 'face.3dmm is the model now');
+  await page.click('[data-sample="astronaut.png"]');
+  await said(page, 'Press Fit');
+  await page.click('#fit');
+  await said(page, 'Done', 120_000);
+  const { fingerprint } = JSON.parse((await download(page, '[data-save="fit.json"]')).bytes);
+  assert.equal(`fingerprint ${fingerprint}`, golden('full').trim());
+  await close();
 });
 
 test('the page is seen before the model is there', async () => {

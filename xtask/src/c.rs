@@ -1,9 +1,10 @@
 //! `cargo xtask c`: the C library, and what C programs make of it.
 
+use crate::golden::Case;
 use crate::shell::{cargo, command, output, root, run as sh, target};
 use crate::targets::install;
 use crate::{Outcome, no_arguments};
-use std::fs;
+use std::path::Path;
 
 /// The command.
 pub(crate) fn run(arguments: &[String]) -> Outcome {
@@ -30,18 +31,15 @@ pub(crate) fn check() -> Outcome {
         sh(command("gcc", strict).arg(source).arg(&library).arg("-o").arg(&program))?;
         Ok::<_, String>(program)
     };
-    let case = root().join("fixtures/device");
     let errors = compile("tests/c/errors.c", "errors")?;
-    sh(command(errors, [case.join("face.3dmm")]).current_dir(&case))?;
-    let example = compile("c/example.c", "example")?;
-    let inputs = ["face.3dmm", "photo.ppm", "photo.tlms"].map(|name| case.join(name));
-    let found = output(&mut command(example, inputs))?;
-    let golden = root().join("fixtures/golden/device.txt");
-    let golden = fs::read_to_string(&golden).map_err(|e| format!("{}: {e}", golden.display()))?;
-    let expected = golden.lines().last().unwrap_or_default();
-    if found.trim_end() != expected {
-        return Err(format!("C computes {found}every other target {expected}"));
+    let place = Case::Small.inputs()?;
+    sh(command(errors, [place.join("face.3dmm")]).current_dir(&place))?;
+    for (source, case) in [("c/example.c", Case::Small), ("tests/c/full.c", Case::Full)] {
+        let name = Path::new(source).file_stem().unwrap_or_default().to_string_lossy();
+        let program = compile(source, &name)?;
+        let place = case.inputs()?;
+        let inputs = ["face.3dmm", "photo.ppm", "photo.tlms"].map(|name| place.join(name));
+        case.compare("C", &output(&mut command(program, inputs))?)?;
     }
-    println!("C computes the golden {expected}");
     Ok(())
 }

@@ -1,7 +1,10 @@
 //! `cargo xtask golden`: makes the golden results anew, for a change that is meant to change them.
+//! And what the shells that compute them ask for.
 
 use crate::Outcome;
-use crate::shell::{cargo, run as sh};
+use crate::shell::{cargo, root, run as sh, target};
+use std::fs;
+use std::path::PathBuf;
 
 /// What tests/tests/golden.rs and device.rs look at: they write what they otherwise compare.
 const WRITE: &str = "ONESCAN_GOLDEN";
@@ -21,4 +24,51 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     }
     println!("now read `git diff --stat fixtures`, and say in the commit why they changed");
     Ok(())
+}
+
+/// A fit that every shell is to come to the same bits of.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Case {
+    /// That of tests/case: made for a microcontroller, and for its settings.
+    Small,
+    /// A default fit of a full-size model.
+    Full,
+}
+
+impl Case {
+    pub(crate) const ALL: [Self; 2] = [Self::Small, Self::Full];
+
+    /// Where `face.3dmm`, `photo.ppm` and `photo.tlms` are. Those of the full-size case are made
+    /// by the test that fits it by the program, if they are not there.
+    pub(crate) fn inputs(self) -> Result<PathBuf, String> {
+        if self == Self::Small {
+            return Ok(root().join("fixtures/device"));
+        }
+        let place = target().join("full");
+        if !place.join("photo.tlms").exists() {
+            let test = ["test", "--release", "--package", "onescan-tests", "--test", "golden"];
+            sh(cargo(test).arg("full_size"))?;
+        }
+        Ok(place)
+    }
+
+    /// The file of golden lines, the last of which is the fingerprint.
+    pub(crate) fn golden(self) -> PathBuf {
+        let name = if self == Self::Small { "device.txt" } else { "full.txt" };
+        root().join("fixtures/golden").join(name)
+    }
+
+    /// Compares a fingerprint's line.
+    pub(crate) fn compare(self, who: &str, found: &str) -> Outcome {
+        let path = self.golden();
+        let golden = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let (found, expected) = (found.trim_end(), golden.lines().last().unwrap_or_default());
+        let size = if self == Self::Small { "small" } else { "full" };
+        println!("{who:18} {size:5} {found}");
+        if found == expected {
+            Ok(())
+        } else {
+            Err(format!("{who} computes {found}, every other target {expected}"))
+        }
+    }
 }

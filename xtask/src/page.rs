@@ -1,8 +1,9 @@
 //! `cargo xtask wasm`, `serve`, `browser`: the browser's shell and its page.
 
+use crate::golden::Case;
 use crate::shell::{cargo, command, output, root, run as sh, target};
 use crate::targets::{Cross, install};
-use crate::{Outcome, no_arguments};
+use crate::{Outcome, no_arguments, wasm};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::fs;
@@ -56,7 +57,12 @@ pub(crate) fn check() -> Outcome {
     let onescan = target().join("release/onescan");
     let place = target().join("browser");
     fs::create_dir_all(&place).map_err(|e| fault(&place, &e))?;
-    sh(command("node", ["--test", "wasm/tests"]).env("ONESCAN", onescan).env("OUT", place))
+    let mut tests = command("node", ["--test", "wasm/tests"]);
+    tests.env("ONESCAN", onescan).env("OUT", place).env("FULL", Case::Full.inputs()?);
+    for (kind, flags) in wasm::KINDS {
+        tests.env(format!("STAGES_{}", kind.to_uppercase()), wasm::stages(kind, flags)?);
+    }
+    sh(&mut tests)
 }
 
 /// Everything into wasm/dist: the page, and the npm package it is made of.
@@ -154,7 +160,7 @@ fn program(place: &Path) -> Outcome {
         flags: "-C target-feature=+simd128",
         debian_flags: "-C linker=wasm-ld-19",
     };
-    let built = target().join("wasm");
+    let built = target().join("wasm/simd128");
     module.build(&built)?;
     let module = built.join(TARGET).join("web/onescan_wasm.wasm");
     let tool = target().join("bindgen");

@@ -1,0 +1,78 @@
+/* Fits a model of any size to a photo by default settings, with memory asked for while it runs, and
+ * prints the fingerprint: full MODEL.3dmm PHOTO.ppm PHOTO.tlms */
+#include "onescan.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+static void *check(void *pointer, const char *what)
+{
+    if (pointer == NULL) {
+        perror(what);
+        exit(1);
+    }
+    return pointer;
+}
+
+static void good(OnescanStatus status)
+{
+    if (status != ONESCAN_STATUS_OK) {
+        fprintf(stderr, "%s\n", onescan_status_text(status));
+        exit(1);
+    }
+}
+
+int main(int argc, char **argv)
+{
+    static char names[ONESCAN_MAX_LANDMARKS][64];
+    static OnescanLandmark landmarks[ONESCAN_MAX_LANDMARKS];
+    static OnescanFit fit;
+    if (argc != 4)
+        return 2;
+
+    FILE *file = check(fopen(argv[1], "rb"), argv[1]);
+    fseek(file, 0, SEEK_END);
+    size_t bytes = (size_t)ftell(file);
+    rewind(file);
+    uint8_t *model = check(malloc(bytes), "model");
+    if (fread(model, 1, bytes, file) != bytes)
+        return 1;
+    fclose(file);
+    OnescanModelInfo info;
+    good(onescan_model_info(model, bytes, &info));
+
+    unsigned width, height;
+    file = check(fopen(argv[2], "rb"), argv[2]);
+    if (fscanf(file, "P6 %u %u 255", &width, &height) != 2 || fgetc(file) != '\n')
+        return 1;
+    uint8_t *rgb = check(calloc((size_t)width * height, 3), "photo");
+    if (fread(rgb, 3, (size_t)width * height, file) != (size_t)width * height)
+        return 1;
+    fclose(file);
+
+    size_t count = 0;
+    int visible;
+    file = check(fopen(argv[3], "rb"), argv[3]);
+    while (count < ONESCAN_MAX_LANDMARKS &&
+           fscanf(file, "%63s %d %f %f", names[count], &visible, &landmarks[count].x,
+                  &landmarks[count].y) == 4) {
+        landmarks[count].name = names[count];
+        count += visible > 0;
+    }
+    fclose(file);
+
+    OnescanSettings settings = onescan_default_settings();
+    size_t words = onescan_words(&info, &settings, count, width, height);
+    uint32_t *memory = check(calloc(words, sizeof *memory), "memory");
+    good(onescan_start(&fit, model, bytes, rgb, width, height, landmarks, count, &settings, memory,
+                       words));
+    while (onescan_step(&fit, 500) > 0) {
+    }
+    OnescanProgress progress;
+    good(onescan_progress(&fit, &progress));
+    printf("fingerprint %016llx\n", (unsigned long long)progress.fingerprint);
+    free(memory);
+    free(rgb);
+    free(model);
+    return 0;
+}
