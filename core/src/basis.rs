@@ -84,31 +84,36 @@ impl<'a> Basis<'a> {
         }
     }
 
+    /// The mean at a vertex; zero if there is no such vertex.
+    pub fn mean_at(&self, vertex: usize) -> [f32; 3] {
+        let blocks = self.mean.len() / 3;
+        core::array::from_fn(|axis| {
+            let block = self.mean.get(axis * blocks + vertex / LANES);
+            block.map_or(0.0, |block| block[vertex % LANES])
+        })
+    }
+
     /// Fills `components` with the first components at a vertex, each scaled by its standard
-    /// deviation.
-    ///
-    /// # Panics
-    /// If the vertex or the number of components is out of range.
+    /// deviation. What is out of range stays as it is.
     pub fn at(&self, vertex: usize, components: &mut [[f32; 3]]) {
         let rank = self.rank();
         let blocks = self.mean.len() / 3;
         let (block, lane) = (vertex / LANES, vertex % LANES);
-        let [x, y, z] = [0, 1, 2].map(|axis| {
-            let start = (axis * blocks + block) * rank;
-            &self.columns[start..start + components.len()]
+        let [x, y, z]: [&[_]; 3] = core::array::from_fn(|axis| {
+            self.columns.get((axis * blocks + block) * rank..).unwrap_or_default()
         });
         let columns = x.iter().zip(y).zip(z).zip(self.quantum);
         for (out, (((x, y), z), quantum)) in components.iter_mut().zip(columns) {
-            *out = [x, y, z].map(|column| quantum * f32::from(column[lane]));
+            *out = [x[lane], y[lane], z[lane]].map(|entry| quantum * f32::from(entry));
         }
     }
 
-    /// What coefficient `c` of component `k` adds to one field entry.
-    ///
-    /// # Panics
-    /// If `entry` or `k` is out of range.
+    /// What coefficient `c` of component `k` adds to one field entry; nothing if there is none.
     pub fn term(&self, entry: usize, k: usize, c: f32) -> f32 {
-        let column = &self.columns[entry / LANES * self.rank() + k];
-        c * self.quantum[k] * f32::from(column[entry % LANES])
+        let column = self.columns.get(entry / LANES * self.rank() + k);
+        match (column, self.quantum.get(k)) {
+            (Some(column), Some(quantum)) => c * quantum * f32::from(column[entry % LANES]),
+            _ => 0.0,
+        }
     }
 }

@@ -40,12 +40,13 @@ pub fn radiance(light: &Light, normal: [f32; 3]) -> [f32; 3] {
 
 /// Ambient and directional light: radiance `a + d·(direction·n)` per channel.
 pub fn ambient_diffuse(ambient: [f32; 3], diffuse: [f32; 3], direction: [f32; 3]) -> Light {
+    let [x, y, z] = direction;
     let mut light = [[0.0; 3]; 9];
     for c in 0..3 {
         light[0][c] = ambient[c] / SCALE[0];
-        for (i, axis) in [(1, 1), (2, 2), (3, 0)] {
-            light[i][c] = diffuse[c] * direction[axis] / SCALE[1];
-        }
+        light[1][c] = diffuse[c] * y / SCALE[1];
+        light[2][c] = diffuse[c] * z / SCALE[1];
+        light[3][c] = diffuse[c] * x / SCALE[1];
     }
     light
 }
@@ -118,8 +119,9 @@ impl ModelLight {
         let t = &self.terms;
         let d = x * x - y * y;
         let s = 2.0 * z * z - x * x - y * y;
-        core::array::from_fn(|c| {
-            t[0][c]
+        let mut radiance = [0.0; 3];
+        for c in 0..3 {
+            radiance[c] = t[0][c]
                 + t[1][c] * x
                 + t[2][c] * y
                 + t[3][c] * z
@@ -127,8 +129,9 @@ impl ModelLight {
                 + t[5][c] * (y * z)
                 + t[6][c] * (z * x)
                 + t[7][c] * d
-                + t[8][c] * s
-        })
+                + t[8][c] * s;
+        }
+        radiance
     }
 }
 

@@ -66,6 +66,21 @@ pub fn more(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// `f` of the numbers of two vectors, one by one. What is handed to it are numbers, not indices, so
+/// nothing needs to be checked, however little the compiler inlines.
+#[inline(always)]
+pub(crate) fn zip<const N: usize>(
+    a: [f32; N],
+    b: [f32; N],
+    f: impl Fn(f32, f32) -> f32,
+) -> [f32; N] {
+    let mut out = a;
+    for (out, b) in out.iter_mut().zip(b) {
+        *out = f(*out, b);
+    }
+    out
+}
+
 /// The largest integer not above `x`, saturating at the ends of `i32` (NaN gives 0).
 #[inline]
 pub fn floor(x: f32) -> i32 {

@@ -29,7 +29,12 @@ impl Index for u32 {
 /// Rows to columns.
 #[inline(always)]
 pub(crate) fn transpose(rows: [[f32; 4]; 4]) -> [[f32; 4]; 4] {
-    core::array::from_fn(|i| rows.map(|row| row[i]))
+    let [a, b, c, d] = rows;
+    let mut columns = [[0.0; 4]; 4];
+    for i in 0..4 {
+        columns[i] = [a[i], b[i], c[i], d[i]];
+    }
+    columns
 }
 
 /// Vertices normalised together.
@@ -75,7 +80,9 @@ impl<'t, I: Index> Chunks<'t, I> {
         let (whole, rest) = triangles.as_chunks();
         let last = rest.first().map(|[corner, ..]| {
             let mut last = [[*corner; 3]; CHUNK];
-            last[..rest.len()].copy_from_slice(rest);
+            for (last, triangle) in last.iter_mut().zip(rest) {
+                *last = *triangle;
+            }
             last
         });
         Self { whole, last }
@@ -87,20 +94,20 @@ impl<'t, I: Index> Chunks<'t, I> {
     }
 }
 
-/// The first three numbers of the triangles' corners.
+/// The first three numbers of the triangles' corners; a model's are all there.
 #[inline(always)]
 pub(crate) fn gather<I: Index>(
     triangles: &[[I; 3]; CHUNK],
     vertices: &[[f32; 4]],
     [x, y, z]: [&mut Corners; 3],
 ) {
-    for (group, four) in triangles.as_chunks::<4>().0.iter().enumerate() {
-        let lanes = 4 * group..4 * group + 4;
-        for i in 0..3 {
-            let [a, b, c, _] = transpose(four.each_ref().map(|t| vertices[t[i].index()]));
-            x[i][lanes.clone()].copy_from_slice(&a);
-            y[i][lanes.clone()].copy_from_slice(&b);
-            z[i][lanes.clone()].copy_from_slice(&c);
+    let vertex = |corner: I| vertices.get(corner.index()).copied().unwrap_or_default();
+    for i in 0..3 {
+        let lanes = x[i].as_chunks_mut::<4>().0.iter_mut();
+        let lanes = lanes.zip(y[i].as_chunks_mut::<4>().0).zip(z[i].as_chunks_mut::<4>().0);
+        for ([a, b, c, d], ((x, y), z)) in triangles.as_chunks::<4>().0.iter().zip(lanes) {
+            let four = [vertex(a[i]), vertex(b[i]), vertex(c[i]), vertex(d[i])];
+            [*x, *y, *z, _] = transpose(four);
         }
     }
 }
@@ -125,13 +132,13 @@ fn sum_face_normals<I: Index>(triangles: &[[I; 3]], positions: &[[f32; 4]], sums
                 normals[axis][t] = n[axis] * k;
             }
         }
-        for (group, four) in faces.as_chunks::<4>().0.iter().enumerate() {
-            let four_of = |axis: usize| core::array::from_fn(|t| normals[axis][4 * group + t]);
-            let rows = transpose([four_of(0), four_of(1), four_of(2), [0.0; 4]]);
-            for (face, normal) in four.iter().zip(rows) {
+        let [x, y, z] = normals.each_ref().map(|axis| axis.as_chunks::<4>().0);
+        for (four, ((x, y), z)) in faces.as_chunks::<4>().0.iter().zip(x.iter().zip(y).zip(z)) {
+            for (face, normal) in four.iter().zip(transpose([*x, *y, *z, [0.0; 4]])) {
                 for corner in face {
-                    let sum = &mut sums[corner.index()];
-                    *sum = core::array::from_fn(|l| sum[l] + normal[l]);
+                    if let Some(sum) = sums.get_mut(corner.index()) {
+                        *sum = math::zip(*sum, normal, |sum, n| sum + n);
+                    }
                 }
             }
         }

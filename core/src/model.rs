@@ -80,20 +80,20 @@ impl Section {
     ];
 
     fn name(self) -> &'static str {
-        [
-            "shape mean",
-            "shape basis",
-            "shape variance",
-            "shape quantum",
-            "albedo mean",
-            "albedo basis",
-            "albedo variance",
-            "albedo quantum",
-            "triangles",
-            "landmarks",
-            "landmark names",
-            "provenance",
-        ][self as usize]
+        match self {
+            Self::ShapeMean => "shape mean",
+            Self::ShapeBasis => "shape basis",
+            Self::ShapeVariance => "shape variance",
+            Self::ShapeQuantum => "shape quantum",
+            Self::AlbedoMean => "albedo mean",
+            Self::AlbedoBasis => "albedo basis",
+            Self::AlbedoVariance => "albedo variance",
+            Self::AlbedoQuantum => "albedo quantum",
+            Self::Triangles => "triangles",
+            Self::Landmarks => "landmarks",
+            Self::Names => "landmark names",
+            Self::Provenance => "provenance",
+        }
     }
 }
 
@@ -212,7 +212,7 @@ impl<'a> Model<'a> {
         if bytes.as_ptr().align_offset(4) != 0 {
             return Err(ModelError::Misaligned);
         }
-        if bytes.len() < 8 || bytes[..8] != MAGIC {
+        if bytes.first_chunk() != Some(&MAGIC) {
             return Err(ModelError::NotAModel);
         }
         let short = |expected: u64| ModelError::Length { found: bytes.len() as u64, expected };
@@ -229,7 +229,7 @@ impl<'a> Model<'a> {
             return Err(short(expected));
         }
         let checksum = header.u64(16);
-        if hash::fnv64(&bytes[CHECKED_FROM..]) != checksum {
+        if hash::fnv64(bytes.get(CHECKED_FROM..).unwrap_or_default()) != checksum {
             return Err(ModelError::Checksum);
         }
         Self::from_header(&header, checksum)
@@ -248,8 +248,20 @@ impl<'a> Model<'a> {
         if header.u32(52) != 0 {
             return Err(ModelError::Header { offset: 52 });
         }
-        let shape = header.basis(vertices, Section::ShapeMean, header.u32(36), 56)?;
-        let albedo = header.basis(vertices, Section::AlbedoMean, header.u32(40), 64)?;
+        let shape = [
+            Section::ShapeMean,
+            Section::ShapeBasis,
+            Section::ShapeVariance,
+            Section::ShapeQuantum,
+        ];
+        let shape = header.basis(vertices, shape, header.u32(36), 56)?;
+        let albedo = [
+            Section::AlbedoMean,
+            Section::AlbedoBasis,
+            Section::AlbedoVariance,
+            Section::AlbedoQuantum,
+        ];
+        let albedo = header.basis(vertices, albedo, header.u32(40), 64)?;
 
         let count = header.u32(32) as usize;
         if count == 0 || count > MAX_TRIANGLES {
@@ -328,10 +340,10 @@ impl<'a> Model<'a> {
 struct Header<'a>(&'a [u8]);
 
 impl<'a> Header<'a> {
+    /// The bytes have been found to be as many as a header's, so none is missing.
     fn u32(&self, offset: usize) -> u32 {
-        let mut b = [0; 4];
-        b.copy_from_slice(&self.0[offset..offset + 4]);
-        u32::from_le_bytes(b)
+        let field = self.0.get(offset..).and_then(|rest| rest.first_chunk());
+        u32::from_le_bytes(field.copied().unwrap_or_default())
     }
 
     fn u64(&self, offset: usize) -> u64 {
@@ -362,16 +374,14 @@ impl<'a> Header<'a> {
             .map_err(|e| ModelError::Content { section, index: e.valid_up_to() as u32 })
     }
 
-    /// The basis whose four sections start at `mean`.
+    /// The basis in four sections.
     fn basis(
         &self,
         vertices: usize,
-        mean: Section,
+        [mean, columns, variance, quantum]: [Section; 4],
         rank: u32,
         total_at: usize,
     ) -> Result<Basis<'a>, ModelError> {
-        let [mean, columns, variance, quantum] =
-            [0, 1, 2, 3].map(|i| Section::ALL[mean as usize + i]);
         let blocks = 3 * padded(vertices) / LANES;
         let rank = rank as usize;
         let count =

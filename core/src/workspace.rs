@@ -74,17 +74,22 @@ impl<'w> Carver<'w> {
 
     /// The next `count` numbers.
     pub fn floats(&mut self, count: usize) -> Option<&'w mut [f32]> {
-        Some(bytemuck::cast_slice_mut(self.words(count)?))
+        bytemuck::try_cast_slice_mut(self.words(count)?).ok()
+    }
+
+    /// The bytes of the next `count` words.
+    pub fn bytes(&mut self, count: usize) -> Option<&'w mut [u8]> {
+        bytemuck::try_cast_slice_mut(self.words(count)?).ok()
     }
 
     /// The next `count` quadruples of numbers.
     pub fn quads(&mut self, count: usize) -> Option<&'w mut [[f32; 4]]> {
-        Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(4)?)?))
+        Some(self.floats(count.checked_mul(4)?)?.as_chunks_mut().0)
     }
 
     /// The attributes of the next `count` vertices.
     pub fn attributes(&mut self, count: usize) -> Option<&'w mut [Attributes]> {
-        Some(bytemuck::cast_slice_mut(self.words(count.checked_mul(8)?)?))
+        Some(self.floats(count.checked_mul(8)?)?.as_chunks_mut().0)
     }
 
     /// The next three numbers per pixel of a picture, chunk by chunk.

@@ -189,6 +189,16 @@ pub enum Stage {
     Image,
 }
 
+impl Stage {
+    /// What belongs to this stage, of what belongs to both in order.
+    fn of<T>(self, [landmarks, image]: [T; 2]) -> T {
+        match self {
+            Self::Landmarks => landmarks,
+            Self::Image => image,
+        }
+    }
+}
+
 /// The tests a proposal passes, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
@@ -446,7 +456,7 @@ impl<'a, 'w> Chain<'a, 'w> {
                 None => 1,
             };
             rank > 0
-                && branch.centre.is_none_or(|c| centres[c].is_some())
+                && branch.centre.is_none_or(|c| centres.get(c).is_some_and(Option::is_some))
                 && (config.search || !branch.kind.is_search())
         };
         // Neither tree is ever empty: translation and light always apply.
@@ -480,18 +490,17 @@ impl<'a, 'w> Chain<'a, 'w> {
     pub fn step(&mut self) -> Option<Step> {
         let config = self.problem.config;
         let stage = self.progress.stage;
-        let end = match stage {
-            Stage::Landmarks => config.landmark_samples,
-            Stage::Image => config.samples,
-        };
+        let end = stage.of([config.landmark_samples, config.samples]);
         if self.progress.step >= end {
             return None;
         }
-        let branch = self.tables[stage as usize].pick(&mut self.progress.rng);
+        let branch = stage.of(self.tables.each_ref()).pick(&mut self.progress.rng);
         let outcome = self.try_branch(branch);
-        let tally = &mut self.progress.tallies[stage as usize][branch];
-        tally.proposed += 1;
-        tally.accepted += u32::from(outcome == Outcome::Accepted);
+        // There are as many as leaves.
+        if let Some(tally) = stage.of(self.progress.tallies.each_mut()).get_mut(branch) {
+            tally.proposed += 1;
+            tally.accepted += u32::from(outcome == Outcome::Accepted);
+        }
         self.progress.step += 1;
         if stage == Stage::Landmarks && self.progress.step == end {
             self.enter_image_stage();
@@ -501,7 +510,7 @@ impl<'a, 'w> Chain<'a, 'w> {
 
     fn try_branch(&mut self, branch: usize) -> Outcome {
         let stage = self.progress.stage;
-        let Some(branch) = self.tables[stage as usize].branch(branch) else {
+        let Some(branch) = stage.of(self.tables.each_ref()).branch(branch) else {
             return Outcome::Failed;
         };
         let current = &self.progress.state;
@@ -636,17 +645,14 @@ impl<'a, 'w> Chain<'a, 'w> {
     /// Steps done and steps in all, over both stages.
     pub fn progress(&self) -> (u32, u32) {
         let config = self.problem.config;
-        let before = match self.progress.stage {
-            Stage::Landmarks => 0,
-            Stage::Image => config.landmark_samples,
-        };
+        let before = self.progress.stage.of([0, config.landmark_samples]);
         (before + self.progress.step, config.landmark_samples.saturating_add(config.samples))
     }
 
     /// Acceptance per leaf of a stage.
     pub fn tallies(&self, stage: Stage) -> impl Iterator<Item = (Branch, Tally)> {
-        let index = stage as usize;
-        self.tables[index].branches().zip(self.progress.tallies[index].iter().copied())
+        let tallies = stage.of(self.progress.tallies.each_ref());
+        stage.of(self.tables.each_ref()).branches().zip(tallies.iter().copied())
     }
 
     /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's
@@ -711,8 +717,11 @@ impl Surroundings for Around<'_, '_, '_> {
         match part {
             Part::Albedo => self.pipeline.refine_albedo(model, scene, search, rng),
             Part::Shape => {
-                let samples: heapless::Vec<LandmarkSample, MAX_LANDMARKS> =
-                    self.landmarks.samples(scene, self.points).collect();
+                let mut samples = heapless::Vec::<LandmarkSample, MAX_LANDMARKS>::new();
+                for sample in self.landmarks.samples(scene, self.points) {
+                    // As many as landmarks.
+                    let _ = samples.push(sample);
+                }
                 let constraints = Constraints {
                     landmarks: &samples,
                     landmark_sd: config.landmark_sd,

@@ -8,7 +8,13 @@ const BATCH: usize = 8;
 
 /// Words of memory [`System`] needs for `n` unknowns.
 pub(super) const fn system_words(n: usize) -> usize {
-    (n + BATCH) * n.next_multiple_of(LANES) + 3 * n
+    (n + BATCH) * LANES * stride(n) + 3 * n
+}
+
+/// Groups of lanes of a row of `n` numbers, at least one.
+const fn stride(n: usize) -> usize {
+    let groups = n.div_ceil(LANES);
+    if groups > 0 { groups } else { 1 }
 }
 
 /// A row's weight and what is on its right side.
@@ -41,20 +47,22 @@ pub fn add_normal_equations(
     matrix: &mut [[f32; LANES]],
     vector: &mut [f32],
 ) {
-    let stride = vector.len().div_ceil(LANES).max(1);
+    let stride = stride(vector.len());
     for (i, (row, b)) in matrix.chunks_exact_mut(stride).zip(vector).enumerate() {
         let mut factors = [0.0; BATCH];
         for ((factor, r), (weight, y)) in
             factors.iter_mut().zip(batch.chunks_exact(stride)).zip(equations)
         {
-            *factor = weight * r[i / LANES][i % LANES];
+            let Some(lanes) = r.get(i / LANES) else { continue };
+            *factor = weight * lanes[i % LANES];
             *b += *factor * y;
         }
         for (j, a) in row.iter_mut().enumerate().skip(i / LANES) {
             let mut sum = *a;
             for (factor, r) in factors.iter().zip(batch.chunks_exact(stride)) {
+                let Some(lanes) = r.get(j) else { continue };
                 for l in 0..LANES {
-                    sum[l] += factor * r[j][l];
+                    sum[l] += factor * lanes[l];
                 }
             }
             *a = sum;
@@ -71,11 +79,11 @@ impl<'s> System<'s> {
     ) -> Option<Self> {
         let memory = memory.get_mut(..system_words(n))?;
         memory.fill(0.0);
-        let stride = n.next_multiple_of(LANES);
-        let (a, rest) = memory.split_at_mut(n * stride);
-        let (batch, rest) = rest.split_at_mut(BATCH * stride);
-        let (b, rest) = rest.split_at_mut(n);
-        let (first, second) = rest.split_at_mut(n);
+        let row = LANES * stride(n);
+        let (a, rest) = memory.split_at_mut_checked(n * row)?;
+        let (batch, rest) = rest.split_at_mut_checked(BATCH * row)?;
+        let (b, rest) = rest.split_at_mut_checked(n)?;
+        let (first, second) = rest.split_at_mut_checked(n)?;
         Some(Self {
             n,
             a: a.as_chunks_mut().0,
@@ -89,17 +97,22 @@ impl<'s> System<'s> {
 
     /// Adds a quadratic penalty `½ w (x + δ_i)²` on one unknown.
     pub(super) fn pull(&mut self, i: usize, weight: f32, x: f32) {
-        let stride = self.n.next_multiple_of(LANES);
-        self.a.as_flattened_mut()[i * stride + i] += weight;
-        self.b[i] -= weight * x;
+        let diagonal = i * LANES * stride(self.n) + i;
+        let a = self.a.as_flattened_mut().get_mut(diagonal);
+        if let (Some(a), Some(b)) = (a, self.b.get_mut(i)) {
+            *a += weight;
+            *b -= weight * x;
+        }
     }
 
     /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
     pub(super) fn add(&mut self, which: usize, weight: f32, residual: f32) {
-        let start = self.waiting.len() * self.n.next_multiple_of(LANES);
-        let batch = &mut self.batch.as_flattened_mut()[start..];
-        batch[..self.n].copy_from_slice(self.rows[which]);
         // There is room: the batch is emptied when full.
+        let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
+        let (Some(place), Some(row)) = (place, self.rows.get(which)) else { return };
+        for (to, from) in place.as_flattened_mut().iter_mut().zip(row.iter()) {
+            *to = *from;
+        }
         let _ = self.waiting.push((weight, residual));
         if self.waiting.is_full() {
             self.flush();
@@ -108,8 +121,9 @@ impl<'s> System<'s> {
 
     /// Adds the rows that wait.
     fn flush(&mut self) {
-        let rest = self.waiting.len() * self.n.div_ceil(LANES);
-        self.batch[rest..].fill([0.0; LANES]);
+        for unused in self.batch.chunks_exact_mut(stride(self.n)).skip(self.waiting.len()) {
+            unused.fill([0.0; LANES]);
+        }
         (self.normal_equations)(self.batch, &self.waiting, self.a, self.b);
         self.waiting.clear();
     }
@@ -120,38 +134,44 @@ impl<'s> System<'s> {
     /// Eliminates a row at a time: every inner loop but one adds a multiple of one row to another.
     pub(super) fn solve(&mut self) -> Option<&[f32]> {
         self.flush();
-        let (n, stride) = (self.n, self.n.next_multiple_of(LANES));
-        let (a, b) = (self.a.as_flattened_mut(), &mut *self.b);
-        let add = |to: &mut [f32], factor: f32, row: &[f32]| {
-            for (x, r) in to.iter_mut().zip(row) {
+        let (n, stride) = (self.n, stride(self.n));
+        let subtract = |from: &mut [f32], factor: f32, row: &[f32]| {
+            for (x, r) in from.iter_mut().zip(row) {
                 *x -= factor * r;
             }
         };
+        let (mut a, mut b) = (&mut *self.a, &mut *self.b);
         for k in 0..n {
-            let (above, below) = a.split_at_mut((k + 1) * stride);
-            let pivot_row = &mut above[k * stride + k..k * stride + n];
-            if !(pivot_row[0] > 0.0) {
+            // The rows from k on; of them only the columns from k to n are of consequence.
+            let (row, below) = core::mem::take(&mut a).split_at_mut_checked(stride)?;
+            let (y, rest) = core::mem::take(&mut b).split_first_mut()?;
+            let (pivot, row) = row.as_flattened_mut().get_mut(k..n)?.split_first_mut()?;
+            if !(*pivot > 0.0) {
                 return None;
             }
-            let inverse = 1.0 / math::sqrt(pivot_row[0]);
-            for x in pivot_row.iter_mut() {
+            let inverse = 1.0 / math::sqrt(*pivot);
+            *pivot *= inverse;
+            for x in row.iter_mut() {
                 *x *= inverse;
             }
-            for (i, row) in (k + 1..n).zip(below.chunks_exact_mut(stride)) {
-                let tail = &pivot_row[i - k..];
-                add(&mut row[i..n], tail[0], tail);
+            for (i, lower) in below.chunks_exact_mut(stride).enumerate() {
+                let tail = row.get(i..).unwrap_or_default();
+                let [factor, ..] = tail else { break };
+                let lower = lower.as_flattened_mut().get_mut(k + 1 + i..).unwrap_or_default();
+                subtract(lower, *factor, tail);
             }
             // Uᵀ y = b on the way.
-            b[k] *= inverse;
-            let y = b[k];
-            add(&mut b[k + 1..], y, &pivot_row[1..]);
+            *y *= inverse;
+            subtract(rest, *y, row);
+            (a, b) = (below, rest);
         }
-        for i in (0..n).rev() {
-            let row = &a[i * stride..i * stride + n];
-            let dot: f32 = row[i + 1..].iter().zip(&b[i + 1..]).map(|(u, x)| u * x).sum();
-            b[i] = (b[i] - dot) / row[i];
+        for (i, row) in self.a.chunks_exact(stride).enumerate().rev() {
+            let (pivot, row) = row.as_flattened().get(i..n)?.split_first()?;
+            let (x, solved) = self.b.get_mut(i..)?.split_first_mut()?;
+            let dot: f32 = row.iter().zip(&*solved).map(|(u, x)| u * x).sum();
+            *x = (*x - dot) / pivot;
         }
-        b.iter().all(|x| x.is_finite()).then_some(self.b)
+        self.b.iter().all(|x| x.is_finite()).then_some(self.b)
     }
 }
 

@@ -211,12 +211,16 @@ impl<'w> Pipeline<'w> {
         let chosen = (0..points).filter_map(|_| {
             let ([x, y], hit) = self.visible_pixel(rng)?;
             let [v, w] = hit.weights;
-            let [p, q, r] = triangles.get(hit.triangle)?.map(|i| vertices[i as usize]);
-            let at = |i: usize| (1.0 - v - w) * p[i] + v * q[i] + w * r[i];
-            let n = [at(0), at(1), at(2)];
+            let [p, q, r] = triangles.get(hit.triangle)?.map(|i| vertices.get(i as usize));
+            let (p, q, r) = (p?, q?, r?);
+            let mut at = Attributes::default();
+            for i in 0..at.len() {
+                at[i] = (1.0 - v - w) * p[i] + v * q[i] + w * r[i];
+            }
+            let n = xyz(shade::normal_of(at));
             let k = math::rsqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
             let normal = rotation.map(|r| k * (r[0] * n[0] + r[1] * n[1] + r[2] * n[2]));
-            let albedo = [at(4), at(5), at(6)];
+            let albedo = xyz(shade::albedo_of(at));
             Some(LitPoint { albedo, normal, target: self.target.color(x, y) })
         });
         light::solve(chosen, &scene.color)
@@ -255,9 +259,9 @@ impl<'w> Pipeline<'w> {
     ) -> Option<()> {
         let visible = Visible::new(self, model, scene);
         let positions = self.positions.get();
-        let samples = (0..search.points).filter_map(|_| visible.sample(rng)).map(|sample| {
-            let position = xyz(positions[sample.vertex]);
-            (position, sample)
+        let samples = (0..search.points).filter_map(|_| {
+            let sample = visible.sample(rng)?;
+            Some((xyz(*positions.get(sample.vertex)?), sample))
         });
         let represented = self.represented(&search);
         refine::shape(&model.shape, scene, samples, represented, constraints, search)
@@ -306,18 +310,25 @@ impl<'s, 'w> Visible<'s, 'w> {
         let (_, hit) = pipeline.visible_pixel(rng)?;
         let [w1, w2] = hit.weights;
         let w0 = 1.0 - w1 - w2;
-        let corner = if w0 >= w1 && w0 >= w2 { 0 } else { 1 + usize::from(w2 > w1) };
-        let vertex = self.triangles.get(hit.triangle)?[corner] as usize;
-        let [u, v] = self.view.window(xyz(pipeline.positions.get()[vertex]));
+        let [a, b, c] = self.triangles.get(hit.triangle)?;
+        let nearest = if w0 >= w1 && w0 >= w2 {
+            a
+        } else if w2 > w1 {
+            c
+        } else {
+            b
+        };
+        let vertex = nearest as usize;
+        let [u, v] = self.view.window(xyz(*pipeline.positions.get().get(vertex)?));
         let (color, gradient) = self.picture(u, v)?;
-        let attributes = pipeline.attributes.get()[vertex];
+        let attributes = *pipeline.attributes.get().get(vertex)?;
         let normal = xyz(shade::normal_of(attributes));
         let albedo = xyz(shade::albedo_of(attributes));
         let model = self.shader.color(normal, albedo);
         let world = self.rotation.map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
         Some(Sample {
             vertex,
-            residual: [0, 1, 2].map(|c| color[c] - model[c]),
+            residual: math::zip(color, model, |color, model| color - model),
             gradient,
             albedo,
             radiance: self.shader.radiance(normal),
@@ -334,14 +345,12 @@ impl<'s, 'w> Visible<'s, 'w> {
         if x < 1 || y < 1 || x + 2 >= *width || y + 2 >= *height {
             return None;
         }
+        let mix = |a: [f32; 3], b: [f32; 3], f: f32| math::zip(a, b, |a, b| a + f * (b - a));
         let at = |x: usize, y: usize| {
-            let [a, b] = [0, 1].map(|j| {
-                let (l, r) = (target.color(x, y + j), target.color(x + 1, y + j));
-                [0, 1, 2].map(|c| l[c] + fx * (r[c] - l[c]))
-            });
-            [0, 1, 2].map(|c| a[c] + fy * (b[c] - a[c]))
+            let [a, b] = [y, y + 1].map(|y| mix(target.color(x, y), target.color(x + 1, y), fx));
+            mix(a, b, fy)
         };
-        let half = |a: [f32; 3], b: [f32; 3]| [0, 1, 2].map(|c| 0.5 * (a[c] - b[c]));
+        let half = |a: [f32; 3], b: [f32; 3]| math::zip(a, b, |a, b| 0.5 * (a - b));
         let gradient = [half(at(x + 1, y), at(x - 1, y)), half(at(x, y + 1), at(x, y - 1))];
         Some((at(x, y), gradient))
     }

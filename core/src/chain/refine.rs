@@ -14,7 +14,9 @@ use super::normal_equations::{NormalEquations, System, system_words};
 use crate::basis::Basis;
 use crate::light::color_matrix;
 use crate::likelihood::prior::Prior;
+use crate::math;
 use crate::scene::{MAX_RANK, PixelCamera, Pose, Scene};
+use core::array::from_fn;
 
 /// Pose parameters refined together with the shape: rotation vector, translation in x and y, and
 /// the logarithms of the focal length and of the distance at constant size.
@@ -73,18 +75,18 @@ pub(super) fn albedo(
     let mut system = System::new(rank + LIGHT_PARAMETERS, normal_equations, memory)?;
     let mix = color_matrix(&scene.color);
     let mut components = [[0.0; 3]; MAX_RANK];
+    let components = components.get_mut(..rank)?;
     for sample in samples {
-        basis.at(sample.vertex, &mut components[..rank]);
+        basis.at(sample.vertex, components);
         for (mix, residual) in mix.iter().zip(sample.residual) {
-            let (coefficients, light) = system.rows[0].split_at_mut(rank);
-            let shading: [f32; 3] = core::array::from_fn(|c| mix[c] * sample.radiance[c]);
-            for (out, b) in coefficients.iter_mut().zip(&components) {
+            let [row, _] = &mut system.rows;
+            let (coefficients, light) = row.split_at_mut_checked(rank)?;
+            let shading = math::zip(*mix, sample.radiance, |mix, radiance| mix * radiance);
+            for (out, b) in coefficients.iter_mut().zip(&*components) {
                 *out = shading[0] * b[0] + shading[1] * b[1] + shading[2] * b[2];
             }
-            for (out, y) in light.chunks_exact_mut(3).zip(sample.harmonics) {
-                for c in 0..3 {
-                    out[c] = mix[c] * sample.albedo[c] * y;
-                }
+            for (out, y) in light.as_chunks_mut::<3>().0.iter_mut().zip(sample.harmonics) {
+                *out = math::zip(*mix, sample.albedo, |mix, albedo| mix * albedo * y);
             }
             system.add(0, weight, residual);
         }
@@ -96,7 +98,7 @@ pub(super) fn albedo(
         // Damping only, where no normal points.
         system.pull(rank + i, 1.0, 0.0);
     }
-    let (coefficients, light) = system.solve()?.split_at(rank);
+    let (coefficients, light) = system.solve()?.split_at_checked(rank)?;
     for (c, delta) in scene.albedo.iter_mut().zip(coefficients) {
         *c += fraction * delta;
     }
@@ -143,7 +145,11 @@ impl View {
         let s = self.pose.scale;
         let turn = |g: [f32; 3]| {
             let r = &self.rotation;
-            [0, 1, 2].map(|j| s * (g[0] * r[0][j] + g[1] * r[1][j] + g[2] * r[2][j]))
+            let mut turned = [0.0; 3];
+            for j in 0..3 {
+                turned[j] = s * (g[0] * r[0][j] + g[1] * r[1][j] + g[2] * r[2][j]);
+            }
+            turned
         };
         let (mu, mv) = (turn(gu), turn(gv));
         for ((du, dv), b) in du.iter_mut().zip(&mut *dv).zip(components) {
@@ -160,7 +166,10 @@ impl View {
             let w = arm(g);
             // The object recedes by eᶻ and the focal length grows with it.
             let distance = g[2] * t[2] + scaling;
-            row[rank..].copy_from_slice(&[w[0], w[1], w[2], g[0], g[1], scaling, distance]);
+            let pose = [w[0], w[1], w[2], g[0], g[1], scaling, distance];
+            for (out, derivative) in row.iter_mut().skip(rank).zip(pose) {
+                *out = derivative;
+            }
         }
     }
 }
@@ -199,8 +208,8 @@ pub(super) fn shape(
     let rank = scene.shape.len();
     let mut system = System::new(rank + POSE_PARAMETERS, normal_equations, memory)?;
     let view = View::new(scene);
-    let mut memory = [[0.0; 3]; MAX_RANK];
-    let components = &mut memory[..rank];
+    let mut components = [[0.0; 3]; MAX_RANK];
+    let components = components.get_mut(..rank)?;
     for (position, sample) in samples {
         basis.at(sample.vertex, components);
         let [du, dv] = &mut system.rows;
@@ -211,12 +220,12 @@ pub(super) fn shape(
         let (xx, xy, yy) = (dot(gx, gx), dot(gx, gy), dot(gy, gy));
         // The model's colour stays with the vertex: moving it by δ changes the picture's by ∇I δ.
         let (rx, ry) = (-dot(gx, sample.residual), -dot(gy, sample.residual));
-        let l0 = crate::math::sqrt(xx);
+        let l0 = math::sqrt(xx);
         if !(l0 > 1e-4) {
             continue;
         }
         let l1 = xy / l0;
-        let l2 = crate::math::sqrt((yy - l1 * l1).max(0.0));
+        let l2 = math::sqrt((yy - l1 * l1).max(0.0));
         let [du, dv] = &mut system.rows;
         for (u, v) in du.iter_mut().zip(dv.iter_mut()) {
             *u = l0 * *u + l1 * *v;
@@ -245,18 +254,18 @@ pub(super) fn shape(
     }
     let prior = constraints.prior;
     let distance = -scene.pose.translation[2] / prior.distance;
-    let (sd, ln) = (prior.distance_sd, crate::math::ln(f64::from(distance)) as f32);
+    let (sd, ln) = (prior.distance_sd, math::ln(f64::from(distance)) as f32);
     system.pull(rank + POSE_PARAMETERS - 1, 1.0 / (sd * sd), ln);
-    let delta = system.solve()?;
-    for (c, d) in scene.shape.iter_mut().zip(delta) {
+    let (coefficients, pose) = system.solve()?.split_at_checked(rank)?;
+    for (c, d) in scene.shape.iter_mut().zip(coefficients) {
         *c += fraction * d;
     }
     let [wx, wy, wz, tx, ty, zoom, recede] =
-        core::array::from_fn::<f32, POSE_PARAMETERS, _>(|i| fraction * delta[rank + i]);
+        pose.first_chunk::<POSE_PARAMETERS>()?.map(|delta| fraction * delta);
     turn(&mut scene.pose, [wx, wy, wz]);
     scene.pose.translation[0] += tx;
     scene.pose.translation[1] += ty;
-    let factor = |x: f32| crate::math::exp(f64::from(x)) as f32;
+    let factor = |x: f32| math::exp(f64::from(x)) as f32;
     scene.pose.translation[2] *= factor(recede);
     scene.camera.focal_length *= factor(zoom + recede);
     Some(())
@@ -265,8 +274,8 @@ pub(super) fn shape(
 /// Rotates the pose by a small rotation vector of the world.
 fn turn(pose: &mut Pose, w: [f32; 3]) {
     let angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
-    let angle = crate::math::sqrt(angle2);
-    let (sin, cos) = crate::math::sin_cos(angle);
+    let angle = math::sqrt(angle2);
+    let (sin, cos) = math::sin_cos(angle);
     let (a, b) = if angle > 1e-6 { (sin / angle, (1.0 - cos) / angle2) } else { (1.0, 0.5) };
     // Rodrigues: e = cos·I + a·[w]× + b·w wᵀ.
     let e = [
@@ -275,7 +284,6 @@ fn turn(pose: &mut Pose, w: [f32; 3]) {
         [b * w[0] * w[2] - a * w[1], b * w[1] * w[2] + a * w[0], cos + b * w[2] * w[2]],
     ];
     let r = pose.rotation();
-    let product =
-        e.map(|row| [0, 1, 2].map(|j| row[0] * r[0][j] + row[1] * r[1][j] + row[2] * r[2][j]));
+    let product = e.map(|row| from_fn(|j| row[0] * r[0][j] + row[1] * r[1][j] + row[2] * r[2][j]));
     (pose.roll, pose.yaw, pose.pitch) = Pose::euler(&product);
 }

@@ -14,7 +14,9 @@ pub fn bin(rgb: [u8; 3]) -> usize {
 /// Adds a picture's pixels to `histogram` (length [`HISTOGRAM_LEN`]).
 pub fn count(pixels: &[[u8; 3]], histogram: &mut [u32]) {
     for &pixel in pixels {
-        histogram[bin(pixel)] += 1;
+        if let Some(count) = histogram.get_mut(bin(pixel)) {
+            *count += 1;
+        }
     }
 }
 

@@ -18,11 +18,16 @@ pub const fn rows_words(landmarks: usize, shape_rank: usize) -> usize {
     3 * landmarks * (1 + shape_rank)
 }
 
+/// Points of a landmark's row, at least one.
+fn row_len(rank: usize) -> usize {
+    rank.saturating_add(1)
+}
+
 /// Observed landmarks with the rows of the shape basis at their vertices, so that a shape is
 /// judged by its landmarks before the whole instance is computed.
 pub struct Landmarks<'w> {
-    /// Per landmark: mean x y z, then x y z of each component.
-    rows: &'w mut [f32],
+    /// Per landmark: the mean, then each component.
+    rows: &'w mut [[f32; 3]],
     /// Vertex and observed position.
     observed: heapless::Vec<(usize, [f32; 2]), MAX_LANDMARKS>,
     rank: usize,
@@ -39,20 +44,18 @@ impl<'w> Landmarks<'w> {
         rank: usize,
         sd: f32,
     ) -> Option<Self> {
-        let rows = carver.floats(rows_words(observations.len(), rank))?;
+        let rows = carver.floats(rows_words(observations.len(), rank))?.as_chunks_mut().0;
         let rank = rank.min(model.shape.rank());
-        let plane = crate::basis::padded(model.vertices());
-        let mean = model.shape.mean();
         let mut observed = heapless::Vec::new();
-        for (row, &(vertex, position)) in rows.chunks_exact_mut(3 * (1 + rank)).zip(observations) {
+        for (row, &(vertex, position)) in rows.chunks_exact_mut(row_len(rank)).zip(observations) {
             let vertex = vertex as usize;
             if vertex >= model.vertices() {
                 return None;
             }
             observed.push((vertex, position)).ok()?;
-            let (first, components) = row.split_at_mut(3);
-            first.copy_from_slice(&[0, 1, 2].map(|axis| mean[axis * plane + vertex]));
-            model.shape.at(vertex, components.as_chunks_mut().0);
+            let (mean, components) = row.split_first_mut()?;
+            *mean = model.shape.mean_at(vertex);
+            model.shape.at(vertex, components);
         }
         Some(Self { rows, observed, rank, sd })
     }
@@ -60,10 +63,9 @@ impl<'w> Landmarks<'w> {
     /// Positions of the landmarks in the model's frame: the instance's, to rounding.
     pub fn points(&self, coefficients: &[f32]) -> Points {
         let mut points = Points::new();
-        for row in self.rows.chunks_exact(3 * (1 + self.rank)) {
-            let (first, rest) = row.split_at(3);
-            let mut p = [first[0], first[1], first[2]];
-            for (&c, column) in coefficients.iter().zip(rest.chunks_exact(3)) {
+        for row in self.rows.chunks_exact(row_len(self.rank)) {
+            let Some((&(mut p), components)) = row.split_first() else { continue };
+            for (&c, column) in coefficients.iter().zip(components) {
                 for axis in 0..3 {
                     p[axis] += c * column[axis];
                 }

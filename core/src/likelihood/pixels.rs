@@ -46,8 +46,8 @@ impl<'w> Target<'w> {
     pub fn carve(carver: &mut Carver<'w>, pixels: &[[u8; 3]], width: usize) -> Option<Self> {
         let height = pixels.len().checked_div(width)?;
         let count = chunks(width, height);
-        let colors = bytemuck::cast_slice_mut(carver.words(3 * LANES / 4 * count)?);
-        let (ln_background, _) = carver.floats(LANES * count)?.as_chunks_mut::<LANES>();
+        let colors = carver.bytes(3 * LANES / 4 * count)?.as_chunks_mut().0.as_chunks_mut().0;
+        let ln_background = carver.floats(LANES * count)?.as_chunks_mut().0;
         let histogram = carver.scratch(background::HISTOGRAM_LEN)?;
         histogram.fill(0);
         background::count(pixels, histogram);
@@ -55,13 +55,17 @@ impl<'w> Target<'w> {
         ln_background.fill([0.0; LANES]);
         let stride = chunks(width, 1);
         for (y, row) in pixels.chunks_exact(width).enumerate() {
-            for (x, &pixel) in row.iter().enumerate() {
-                let (chunk, lane) = (y * stride + x / LANES, x % LANES);
-                for (plane, c) in colors[chunk].iter_mut().zip(pixel) {
-                    plane[lane] = c;
+            for (x, pixels_of_chunk) in row.chunks(LANES).enumerate() {
+                let at = y * stride + x;
+                let chunk = (colors.get_mut(at), ln_background.get_mut(at));
+                let (Some(planes), Some(ln_background)) = chunk else { continue };
+                for (lane, &pixel) in (0..LANES).zip(pixels_of_chunk) {
+                    for (plane, c) in planes.iter_mut().zip(pixel) {
+                        plane[lane] = c;
+                    }
+                    let count = histogram.get(background::bin(pixel)).copied().unwrap_or(0);
+                    ln_background[lane] = background::ln_density(count, pixels.len());
                 }
-                let count = histogram[background::bin(pixel)];
-                ln_background[chunk][lane] = background::ln_density(count, pixels.len());
             }
         }
         Some(Self { colors, ln_background, stride })

@@ -5,9 +5,10 @@ use super::factor;
 use crate::math;
 use crate::rng::Rng;
 use crate::scene::Light;
+use core::ops::Range;
 
-/// First coefficient of each band, and the end.
-const BANDS: [usize; 4] = [0, 1, 4, 9];
+/// Coefficients of each band.
+const BANDS: [Range<usize>; 3] = [0..1, 1..4, 4..9];
 
 /// The same `N(0, sd²)` to the three channels, independent per coefficient: symmetric.
 pub(super) fn spatial(light: &mut Light, sd: f32, rng: &mut Rng) -> Option<f64> {
@@ -23,8 +24,8 @@ pub(super) fn spatial(light: &mut Light, sd: f32, rng: &mut Rng) -> Option<f64> 
 /// Band `l` times `exp(z_l)`: the Jacobian is `exp Σ 3(2l+1) z_l`.
 pub(super) fn bands(light: &mut Light, sd: f32, rng: &mut Rng) -> Option<f64> {
     let mut ratio = 0.0;
-    for band in BANDS.windows(2) {
-        ratio += intensity_of(&mut light[band[0]..band[1]], rng.normal_sd(sd));
+    for band in BANDS {
+        ratio += intensity_of(light.get_mut(band).unwrap_or_default(), rng.normal_sd(sd));
     }
     Some(ratio)
 }

@@ -83,6 +83,7 @@ fn fill<I: Index>(
     pixels: Pixels<'_>,
     width: usize,
 ) -> usize {
+    let stride = chunks(width, 1);
     let mut covered = 0;
     for y in frame.rows() {
         let row = pixels.get_mut(y * width..(y + 1) * width).unwrap_or_default();
@@ -91,7 +92,7 @@ fn fill<I: Index>(
             let (mut n, mut a) = Default::default();
             shade::interpolate::<_, 8>(triangles, visible, attributes, &mut [&mut n, &mut a]);
             let n = shade::normalize(n);
-            let x = index * LANES % (width.div_ceil(LANES) * LANES);
+            let x = LANES * (index - y * stride);
             for (l, pixel) in row.iter_mut().skip(x).take(LANES).enumerate() {
                 if frame.covered(index) >> l & 1 != 0 {
                     *pixel = shader.color([n[0][l], n[1][l], n[2][l]], [a[0][l], a[1][l], a[2][l]]);

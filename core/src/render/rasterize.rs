@@ -133,13 +133,21 @@ impl<'w> Frame<'w> {
         if self.covered(index) == 0 { None } else { self.pixels.get(index) }
     }
 
+    /// The chunks of a row that may hold covered pixels, and which pixels of them are covered.
+    #[inline(always)]
+    fn chunks(&mut self, y: usize) -> (&mut [Visible], &mut [u32]) {
+        let row = self.row(y);
+        let pixels = self.pixels.get_mut(row.clone()).unwrap_or_default();
+        (pixels, self.covered.get_mut(row).unwrap_or_default())
+    }
+
     /// Forgets everything visible; cost follows what may have been covered.
     #[inline(always)]
     fn clear(&mut self) {
         for y in self.rows() {
-            let row = self.row(y);
-            self.pixels[row.clone()].fill([EMPTY; LANES]);
-            self.covered[row].fill(0);
+            let (pixels, covered) = self.chunks(y);
+            pixels.fill([EMPTY; LANES]);
+            covered.fill(0);
         }
     }
 
@@ -147,8 +155,8 @@ impl<'w> Frame<'w> {
     #[inline(always)]
     fn note(&mut self) {
         for y in self.rows() {
-            let row = self.row(y);
-            for (pixels, covered) in self.pixels[row.clone()].iter().zip(&mut self.covered[row]) {
+            let (pixels, covered) = self.chunks(y);
+            for (pixels, covered) in pixels.iter().zip(covered) {
                 *covered = 0;
                 for (l, [inverse, ..]) in pixels.iter().enumerate() {
                     *covered |= u32::from(*inverse > 0.0) << l;
@@ -310,17 +318,22 @@ impl Chunk {
             while rest != 0 {
                 let bit = rest.trailing_zeros() as usize;
                 rest &= rest - 1;
-                let t = GROUP * group + bit / PIXELS;
+                // Below CHUNK anyway: the remainder spares four checks.
+                let t = (GROUP * group + bit / PIXELS) % CHUNK;
                 let step = &steps[bit % PIXELS];
                 let (start, right, down) = (self.first[t], self.right[t], self.down[t]);
-                let pixel: Pixel =
-                    core::array::from_fn(|l| start[l] + step.x[l] * right[l] + step.y[l] * down[l]);
+                let mut pixel = EMPTY;
+                for l in 0..pixel.len() {
+                    pixel[l] = start[l] + step.x[l] * right[l] + step.y[l] * down[l];
+                }
                 frame.draw(self.pixel[t].wrapping_add(step.pixels) as usize, pixel);
             }
         }
         if any_large {
-            for t in (0..CHUNK).filter(|&t| self.large[t] != 0) {
-                draw_large(first + t as u32, self.corners(t), frame);
+            for (t, &large) in self.large.iter().enumerate() {
+                if large != 0 {
+                    draw_large(first + t as u32, self.corners(t), frame);
+                }
             }
         }
     }
@@ -328,7 +341,8 @@ impl Chunk {
     /// x, y and inverse distance of a triangle's corners.
     #[inline(always)]
     fn corners(&self, t: usize) -> [Corners; 3] {
-        [&self.x, &self.y, &self.z].map(|axis| [axis[0][t], axis[1][t], axis[2][t]])
+        let (Self { x, y, z, .. }, t) = (self, t % CHUNK);
+        [[x[0][t], x[1][t], x[2][t]], [y[0][t], y[1][t], y[2][t]], [z[0][t], z[1][t], z[2][t]]]
     }
 
     /// First pass: fills the results. `first` is the first triangle's index. Tells whether any

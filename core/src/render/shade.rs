@@ -34,9 +34,13 @@ impl Shader {
     #[inline(always)]
     pub fn color(&self, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
         let radiance = self.light.radiance(normal);
-        let [r, g, b] = [0, 1, 2].map(|c| albedo[c] * radiance[c]);
+        let [r, g, b] = math::zip(albedo, radiance, |albedo, radiance| albedo * radiance);
         let m = &self.mix;
-        [0, 1, 2].map(|c| m[c][0] * r + m[c][1] * g + m[c][2] * b + self.offset[c])
+        let mut color = self.offset;
+        for c in 0..3 {
+            color[c] += m[c][0] * r + m[c][1] * g + m[c][2] * b;
+        }
+        color
     }
 
     /// The same, with colours `k` times as large.
@@ -83,15 +87,15 @@ pub fn join(
 
 /// Replaces the normals among attributes.
 pub fn set_normals(normals: &[[f32; 4]], attributes: &mut [Attributes]) {
-    for (out, normal) in attributes.iter_mut().zip(normals) {
-        out[..4].copy_from_slice(normal);
+    for ([x, y, z, w, ..], normal) in attributes.iter_mut().zip(normals) {
+        [*x, *y, *z, *w] = *normal;
     }
 }
 
 /// Replaces the albedo among attributes.
 pub fn set_albedo(albedo: &[[f32; 4]], attributes: &mut [Attributes]) {
-    for (out, albedo) in attributes.iter_mut().zip(albedo) {
-        out[4..].copy_from_slice(albedo);
+    for ([.., r, g, b, w], albedo) in attributes.iter_mut().zip(albedo) {
+        [*r, *g, *b, *w] = *albedo;
     }
 }
 
@@ -106,20 +110,22 @@ pub fn interpolate<I: Index, const WIDTH: usize>(
 ) {
     // In memory between two loops: the first is one vector per pixel, not three numbers.
     let mut pixels = [[0.0_f32; WIDTH]; LANES];
+    let vertex = |corner: I| vertices.get(corner.index())?.last_chunk::<WIDTH>();
     for (out, pixel) in pixels.iter_mut().zip(visible) {
         let (triangle, [v, w]) = rasterize::triangle(*pixel);
-        let Some([p, q, r]) = triangles.get(triangle) else { continue };
-        let [p, q, r] = [p, q, r].map(|corner| &vertices[corner.index()]);
+        let Some(&[p, q, r]) = triangles.get(triangle) else { continue };
+        let (Some(p), Some(q), Some(r)) = (vertex(p), vertex(q), vertex(r)) else { continue };
         let u = 1.0 - v - w;
-        let from = p.len() - WIDTH;
-        *out = core::array::from_fn(|i| u * p[from + i] + v * q[from + i] + w * r[from + i]);
+        for i in 0..WIDTH {
+            out[i] = u * p[i] + v * q[i] + w * r[i];
+        }
     }
-    for (n, planes) in planes.iter_mut().enumerate() {
-        for (group, pixels) in pixels.as_chunks::<4>().0.iter().enumerate() {
-            let quads = pixels.map(|pixel| pixel.as_chunks::<4>().0[n]);
-            for (plane, axis) in planes.iter_mut().zip(transpose(quads)) {
-                plane[4 * group..4 * group + 4].copy_from_slice(&axis);
-            }
+    for (n, [x, y, z]) in planes.iter_mut().map(|planes| &mut **planes).enumerate() {
+        let quad = |pixel: [f32; WIDTH]| pixel.as_chunks().0.get(n).copied().unwrap_or_default();
+        let lanes = x.as_chunks_mut().0.iter_mut().zip(y.as_chunks_mut().0);
+        let lanes = lanes.zip(z.as_chunks_mut().0);
+        for (&[a, b, c, d], ((x, y), z)) in pixels.as_chunks().0.iter().zip(lanes) {
+            [*x, *y, *z, _] = transpose([quad(a), quad(b), quad(c), quad(d)]);
         }
     }
 }

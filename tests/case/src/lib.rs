@@ -125,7 +125,7 @@ pub fn fit(memory: &mut [u32], engine: &Engine, lean: bool) -> Option<Fitted> {
 #[inline(never)]
 pub fn picture(memory: &mut [u32], scene: &Scene, show: impl FnOnce(&[[f32; 3]])) -> Option<()> {
     let (colors, rest) = memory.split_at_mut_checked(3 * PIXELS)?;
-    let colors: &mut [[f32; 3]] = bytemuck::cast_slice_mut(colors);
+    let colors = Carver::new(colors).floats(3 * PIXELS)?.as_chunks_mut::<3>().0;
     let photo = PHOTO.get(PPM_HEADER..)?.as_chunks::<3>().0;
     for (color, pixel) in colors.iter_mut().zip(photo) {
         *color = pixel.map(|x| f32::from(x) / 255.0);
