@@ -94,20 +94,24 @@ impl<'t, I: Index> Chunks<'t, I> {
     }
 }
 
-/// The first three numbers of the triangles' corners; a model's are all there.
+/// The first three numbers of the triangles' corners, which a checked model has all of.
 #[inline(always)]
 pub(crate) fn gather<I: Index>(
     triangles: &[[I; 3]; CHUNK],
     vertices: &[[f32; 4]],
     [x, y, z]: [&mut Corners; 3],
 ) {
-    let vertex = |corner: I| vertices.get(corner.index()).copied().unwrap_or_default();
-    for i in 0..3 {
-        let lanes = x[i].as_chunks_mut::<4>().0.iter_mut();
-        let lanes = lanes.zip(y[i].as_chunks_mut::<4>().0).zip(z[i].as_chunks_mut::<4>().0);
-        for ([a, b, c, d], ((x, y), z)) in triangles.as_chunks::<4>().0.iter().zip(lanes) {
-            let four = [vertex(a[i]), vertex(b[i]), vertex(c[i]), vertex(d[i])];
-            [*x, *y, *z, _] = transpose(four);
+    let vertex = |corner: I| vertices.get(corner.index());
+    for (group, [p, q, r, s]) in triangles.as_chunks::<4>().0.iter().enumerate() {
+        for i in 0..3 {
+            let four = (vertex(p[i]), vertex(q[i]), vertex(r[i]), vertex(s[i]));
+            let (Some(a), Some(b), Some(c), Some(d)) = four else { return };
+            let columns = transpose([*a, *b, *c, *d]);
+            for (axis, column) in [&mut *x, &mut *y, &mut *z].into_iter().zip(columns) {
+                if let Some(lanes) = axis[i].as_chunks_mut().0.get_mut(group) {
+                    *lanes = column;
+                }
+            }
         }
     }
 }
