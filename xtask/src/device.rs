@@ -1,9 +1,11 @@
 //! `cargo xtask device`: the firmware of tests/device on an emulated Cortex-M7. It must compute
-//! the golden bits within its memory; what it shows is saved as target/device.png.
+//! the golden bits within its memory, and hold nothing that could panic or allocate; what it shows
+//! is saved as target/device.png.
 
 use crate::shell::{cargo, command, output, root, run as sh, target};
 use crate::targets::{BARE, Cross, install};
 use crate::{Outcome, no_arguments};
+use object::{Object as _, ObjectSymbol as _};
 use std::fs;
 use std::path::Path;
 
@@ -30,11 +32,17 @@ pub(crate) fn check() -> Outcome {
         flags: "-C link-arg=-Tlink.x -C target-cpu=cortex-m7",
         debian_flags: "-C linker=ld.lld-19 -C linker-flavor=ld.lld",
     };
-    firmware.build(&built)?;
+    firmware.build(&built).map_err(|e| {
+        format!(
+            "{e}\nif a_panic_is_reachable is what the linker misses, tests/device/src/main.rs says \
+             how to find out from where"
+        )
+    })?;
+    let program = built.join(TARGET).join("release/onescan-device");
+    without_panic_and_heap(&program)?;
     if output(&mut command(EMULATOR, ["--version"])).is_err() {
         install(&[EMULATOR])?;
     }
-    let program = built.join(TARGET).join("release/onescan-device");
     let machine = ["-M", "mps2-an500", "-nographic", "-semihosting-config"];
     let printed = output(
         command(EMULATOR, machine).args(["enable=on,target=native", "-kernel"]).arg(program),
@@ -58,6 +66,26 @@ pub(crate) fn check() -> Outcome {
         }
     }
     save(&rows, &target().join("device.png"))
+}
+
+/// Looks at what was linked: no panic handler, nothing that would call it, no allocator. The
+/// linker has refused a panic handler already; this tells it from one that was only renamed.
+fn without_panic_and_heap(program: &Path) -> Outcome {
+    let fault = |e: &dyn std::fmt::Display| format!("{}: {e}", program.display());
+    let bytes = fs::read(program).map_err(|e| fault(&e))?;
+    let file = object::File::parse(&*bytes).map_err(|e| fault(&e))?;
+    let names: Vec<&str> = file.symbols().filter_map(|symbol| symbol.name().ok()).collect();
+    // A stripped program would prove nothing.
+    if !names.contains(&"Reset") {
+        return Err(fault(&"no symbol Reset, so its symbols say nothing"));
+    }
+    let forbidden =
+        ["panic", "rust_begin_unwind", "__rust_alloc", "__rust_realloc", "__rdl_", "__rg_"];
+    if let Some(name) = names.iter().find(|name| forbidden.iter().any(|word| name.contains(word))) {
+        return Err(fault(&format!("{name} is linked, but nothing in it may panic or allocate")));
+    }
+    println!("of {} symbols none belongs to a panic or an allocator", names.len());
+    Ok(())
 }
 
 /// Rows of hexadecimal RGB565, little-endian, as a PNG, four times as large.
