@@ -104,9 +104,12 @@ pub(crate) fn gather<I: Index>(
     let vertex = |corner: I| vertices.get(corner.index());
     for (group, [p, q, r, s]) in triangles.as_chunks::<4>().0.iter().enumerate() {
         for i in 0..3 {
-            let four = (vertex(p[i]), vertex(q[i]), vertex(r[i]), vertex(s[i]));
-            let (Some(a), Some(b), Some(c), Some(d)) = four else { return };
-            let columns = transpose([*a, *b, *c, *d]);
+            // One after the other: together they cost a tenth more instructions.
+            let Some(&a) = vertex(p[i]) else { return };
+            let Some(&b) = vertex(q[i]) else { return };
+            let Some(&c) = vertex(r[i]) else { return };
+            let Some(&d) = vertex(s[i]) else { return };
+            let columns = transpose([a, b, c, d]);
             for (axis, column) in [&mut *x, &mut *y, &mut *z].into_iter().zip(columns) {
                 if let Some(lanes) = axis[i].as_chunks_mut().0.get_mut(group) {
                     *lanes = column;
@@ -140,9 +143,8 @@ fn sum_face_normals<I: Index>(triangles: &[[I; 3]], positions: &[[f32; 4]], sums
         for (four, ((x, y), z)) in faces.as_chunks::<4>().0.iter().zip(x.iter().zip(y).zip(z)) {
             for (face, normal) in four.iter().zip(transpose([*x, *y, *z, [0.0; 4]])) {
                 for corner in face {
-                    if let Some(sum) = sums.get_mut(corner.index()) {
-                        *sum = math::zip(*sum, normal, |sum, n| sum + n);
-                    }
+                    let Some(sum) = sums.get_mut(corner.index()) else { return };
+                    *sum = math::zip(*sum, normal, |sum, n| sum + n);
                 }
             }
         }

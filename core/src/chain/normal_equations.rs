@@ -110,9 +110,8 @@ impl<'s> System<'s> {
         // There is room: the batch is emptied when full.
         let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
         let (Some(place), Some(row)) = (place, self.rows.get(which)) else { return };
-        for (to, from) in place.as_flattened_mut().iter_mut().zip(row.iter()) {
-            *to = *from;
-        }
+        let Some(place) = place.as_flattened_mut().get_mut(..row.len()) else { return };
+        place.copy_from_slice(row);
         let _ = self.waiting.push((weight, residual));
         if self.waiting.is_full() {
             self.flush();

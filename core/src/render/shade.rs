@@ -114,7 +114,9 @@ pub fn interpolate<I: Index, const WIDTH: usize>(
     for (out, pixel) in pixels.iter_mut().zip(visible) {
         let (triangle, [v, w]) = rasterize::triangle(*pixel);
         let Some(&[p, q, r]) = triangles.get(triangle) else { continue };
-        let (Some(p), Some(q), Some(r)) = (vertex(p), vertex(q), vertex(r)) else { continue };
+        let Some(p) = vertex(p) else { continue };
+        let Some(q) = vertex(q) else { continue };
+        let Some(r) = vertex(r) else { continue };
         let u = 1.0 - v - w;
         for i in 0..WIDTH {
             out[i] = u * p[i] + v * q[i] + w * r[i];
