@@ -283,7 +283,10 @@ async function findLandmarks() {
 }
 
 on('detect', findLandmarks);
-on('clear', startOver);
+on('clear', () => {
+  startOver();
+  say('Set the landmarks: click where each is in the photo, or let them be found.');
+});
 on('skip', () => {
   state.skipped.add(missing()[0]);
 });
