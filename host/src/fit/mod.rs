@@ -227,9 +227,12 @@ impl<'a, 'w> Running<'a, 'w> {
             Some(save) => (Chain::resume(problem, save.checkpoint, memory), save.trace),
         };
         let chain = chain.map_err(Error::new)?;
-        let stride = chain.progress().1.div_ceil(TRACE_POINTS).max(1);
+        let (done, total) = chain.progress();
+        let stride = total.div_ceil(TRACE_POINTS).max(1);
         let mut running = Self { chain, trace, stride, steps: 0 };
-        running.note();
+        if done % stride == 0 {
+            running.note();
+        }
         Ok(running)
     }
 
