@@ -13,8 +13,8 @@ import { create } from './onescan.js';
 
 /** Longest side of the photo that is sent to be shown, pixels. */
 const SHOWN = 1600;
-/** Milliseconds between two pictures of a running fit. */
-const FRAME = 120;
+/** Milliseconds between two pictures of a running fit: showing one takes power from the fit. */
+const FRAME = 250;
 
 const program = create();
 /** @type {import('./onescan.js').Model | undefined} */

@@ -246,16 +246,13 @@ fn residual_of<I: Index>(
                 if covered == 0 {
                     continue;
                 }
-                // Values, not references: what does not overlap needs no proof of it.
-                let n = match known.normals {
-                    Some(known) => known.get(index).copied().unwrap_or_default(),
-                    None => shade::normalize(normals[i]),
-                };
-                let a = match known.albedo {
-                    Some(known) => known.get(index).copied().unwrap_or_default(),
-                    None => albedo[i],
-                };
-                let squares = differences(n, a, shader, *observed);
+                if known.normals.is_none() {
+                    normals[i] = shade::normalize(normals[i]);
+                }
+                let n = known.normals.map_or(Some(&normals[i]), |known| known.get(index));
+                let a = known.albedo.map_or(Some(&albedo[i]), |known| known.get(index));
+                let (Some(n), Some(a)) = (n, a) else { continue };
+                let squares = differences(n, a, shader, observed);
                 for l in 0..LANES {
                     sums[l] += if covered >> l & 1 != 0 { squares[l] } else { 0.0 };
                 }
@@ -272,10 +269,10 @@ fn residual_of<I: Index>(
 /// Squared differences of a chunk's colours from the picture's.
 #[inline(always)]
 fn differences(
-    [nx, ny, nz]: Planes,
-    [ar, ag, ab]: Planes,
+    [nx, ny, nz]: &Planes,
+    [ar, ag, ab]: &Planes,
     shader: &Shader,
-    [r, g, b]: [[u8; LANES]; 3],
+    [r, g, b]: &[[u8; LANES]; 3],
 ) -> [f32; LANES] {
     let mut squares = [0.0; LANES];
     for l in 0..LANES {
