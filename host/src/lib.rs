@@ -8,6 +8,7 @@
 //! | scan → mesh | [`ply`], [`mesh`], [`landmarks`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
+//! | models in double precision | [`morphable`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
@@ -40,6 +41,8 @@ pub mod kernel;
 pub mod landmarks;
 pub mod mesh;
 pub mod model_file;
+#[cfg(feature = "full")]
+pub mod morphable;
 pub mod photo;
 pub mod picture;
 pub mod ply;

@@ -1,0 +1,277 @@
+//! Morphable models in double precision: what other programs' files hold, and what new models are
+//! computed from.
+//!
+//! A `.3dmm` file keeps 16-bit entries for a fast fit; here a model is a mean and a matrix.
+
+use crate::decompose::Decomposition;
+use crate::error::Result;
+use crate::landmarks::Landmark;
+use crate::mesh::Mesh;
+use crate::model_file::{Deviation, Half, ModelParts, OwnedModel};
+use faer::Mat;
+use onescan_core::basis::{Basis, padded};
+use onescan_core::model::Model;
+
+/// A low-rank Gaussian process over V vertices, three numbers each:
+/// `mean + U diag(√λ) c`, `c ~ N(0, I)`, and independent noise on every number.
+///
+/// Guarantees: `3V` rows and as many columns in `U` as there are `λ`, all of them finite, `λ` and
+/// noise not negative. The columns may have any norm; those of a decomposition are orthonormal.
+#[derive(Clone, Debug)]
+pub struct Process {
+    /// Per vertex: x, y, z in millimetres, or R, G, B in `[0, 1]`.
+    pub mean: Vec<[f32; 3]>,
+    /// `U`, 3V × r: first all vertices' x (or R), then their y, then their z.
+    pub basis: Mat<f64>,
+    /// `λ`.
+    pub variances: Vec<f64>,
+    /// Variance of the noise.
+    pub noise: f64,
+    /// Trace of the covariance that the components are the leading part of, without noise.
+    pub total_variance: f64,
+}
+
+impl Process {
+    /// One half of a `.3dmm` model of so many vertices.
+    pub fn of(basis: &Basis<'_>, vertices: usize) -> Self {
+        let plane = padded(vertices);
+        let variances: Vec<f64> = basis.variance().iter().map(|&v| f64::from(v)).collect();
+        let entries = Mat::from_fn(3 * vertices, variances.len(), |row, k| {
+            let entry = basis.term(row / vertices * plane + row % vertices, k, 1.0);
+            f64::from(entry) / variances[k].sqrt().max(f64::MIN_POSITIVE)
+        });
+        let mean = |v: usize| [0, 1, 2].map(|channel| basis.mean()[channel * plane + v]);
+        Self {
+            mean: (0..vertices).map(mean).collect(),
+            basis: entries,
+            variances,
+            noise: 0.0,
+            total_variance: basis.total_variance(),
+        }
+    }
+
+    /// What a kernel's decomposition says about deviations from a mean.
+    pub fn around(mean: &[[f32; 3]], deviation: &Decomposition) -> Self {
+        let vertices = mean.len();
+        Self {
+            mean: mean.to_vec(),
+            basis: Mat::from_fn(3 * vertices, deviation.rank(), |row, k| {
+                let (direction, values) = deviation.column(k);
+                direction[row / vertices] * values[row % vertices]
+            }),
+            variances: deviation.variances.clone(),
+            noise: 0.0,
+            total_variance: deviation.total_variance,
+        }
+    }
+
+    /// Number of components.
+    pub fn rank(&self) -> usize {
+        self.variances.len()
+    }
+
+    /// Number of vertices.
+    pub fn vertices(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// `Q = U diag(√λ)`: the components with their standard deviations.
+    pub fn scaled_basis(&self) -> Mat<f64> {
+        let mut scaled = self.basis.clone();
+        for (column, variance) in scaled.col_iter_mut().zip(&self.variances) {
+            for entry in column.iter_mut() {
+                *entry *= variance.sqrt();
+            }
+        }
+        scaled
+    }
+
+    /// The field of coefficients; missing ones count as zero, those beyond the rank are ignored.
+    pub fn instance(&self, coefficients: &[f64]) -> Vec<[f64; 3]> {
+        let mut field: Vec<[f64; 3]> = self.mean.iter().map(|m| m.map(f64::from)).collect();
+        let vertices = self.vertices();
+        for ((c, variance), column) in
+            coefficients.iter().zip(&self.variances).zip(self.basis.col_iter())
+        {
+            let c = c * variance.sqrt();
+            for (row, entry) in column.iter().enumerate() {
+                field[row % vertices][row / vertices] += c * entry;
+            }
+        }
+        field
+    }
+
+    /// The first `rank` components.
+    #[must_use]
+    pub fn truncated(&self, rank: usize) -> Self {
+        let rank = rank.min(self.rank());
+        Self {
+            mean: self.mean.clone(),
+            basis: self.basis.subcols(0, rank).to_owned(),
+            variances: self.variances[..rank].to_vec(),
+            ..*self
+        }
+    }
+
+    /// The same process on some of the vertices. Its columns are no longer orthogonal.
+    #[must_use]
+    pub fn marginal(&self, vertices: &[u32]) -> Self {
+        let count = vertices.len();
+        let row = |i: usize| i / count * self.vertices() + vertices[i % count] as usize;
+        let basis = Mat::from_fn(3 * count, self.rank(), |i, k| self.basis[(row(i), k)]);
+        let held = |basis: &Mat<f64>| -> f64 {
+            basis.col_iter().zip(&self.variances).map(|(u, v)| v * u.squared_norm_l2()).sum()
+        };
+        let (before, after) = (held(&self.basis), held(&basis));
+        // What the components never held is assumed to be spread over the vertices like what
+        // they hold.
+        let share = if before > 0.0 { after / before } else { 1.0 };
+        Self {
+            mean: vertices.iter().map(|&v| self.mean[v as usize]).collect(),
+            basis,
+            variances: self.variances.clone(),
+            noise: self.noise,
+            total_variance: self.total_variance * share,
+        }
+    }
+}
+
+/// The process with its components as the file wants them.
+struct Scaled<'a> {
+    process: &'a Process,
+}
+
+impl Deviation for Scaled<'_> {
+    fn variances(&self) -> &[f64] {
+        &self.process.variances
+    }
+
+    fn total_variance(&self) -> f64 {
+        self.process.total_variance
+    }
+
+    fn column(&self, k: usize, channel: usize) -> (f64, &[f64]) {
+        let Process { basis, variances, .. } = self.process;
+        let vertices = basis.nrows() / 3;
+        let column = basis.col(k).try_as_col_major().map_or(&[][..], |column| column.as_slice());
+        (variances[k].sqrt(), &column[channel * vertices..(channel + 1) * vertices])
+    }
+}
+
+/// A morphable model: shape and albedo over the same vertices.
+///
+/// Guarantees: both processes have as many vertices, triangles and landmarks refer to these, there
+/// is at least one triangle, names of landmarks are unique.
+#[derive(Clone, Debug)]
+pub struct Morphable {
+    /// Positions.
+    pub shape: Process,
+    /// Colours.
+    pub albedo: Process,
+    /// Corner indices, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+    /// Named vertices.
+    pub landmarks: Vec<Landmark>,
+    /// Where the model comes from: TOML.
+    pub provenance: String,
+}
+
+impl Morphable {
+    /// A `.3dmm` model.
+    pub fn of(model: &Model<'_>) -> Self {
+        let vertices = model.vertices();
+        Self {
+            shape: Process::of(&model.shape, vertices),
+            albedo: Process::of(&model.albedo, vertices),
+            triangles: (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
+            landmarks: model
+                .landmarks()
+                .map(|(name, vertex)| Landmark { name: name.to_string(), vertex })
+                .collect(),
+            provenance: model.provenance().to_string(),
+        }
+    }
+
+    /// The `.3dmm` model. `levels`: see [`ModelParts`]. Noise is left out.
+    ///
+    /// # Errors
+    /// See [`ModelParts::to_bytes`].
+    pub fn to_model(&self, levels: i16) -> Result<OwnedModel> {
+        let parts = ModelParts {
+            shape: Half { mean: &self.shape.mean, deviation: &Scaled { process: &self.shape } },
+            albedo: Half { mean: &self.albedo.mean, deviation: &Scaled { process: &self.albedo } },
+            triangles: &self.triangles,
+            landmarks: &self.landmarks,
+            provenance: &self.provenance,
+            levels,
+        };
+        OwnedModel::from_bytes(&parts.to_bytes()?)
+    }
+
+    /// The mean as a mesh.
+    pub fn mean(&self) -> Mesh {
+        Mesh {
+            points: self.shape.mean.clone(),
+            colors: self.albedo.mean.clone(),
+            triangles: self.triangles.clone(),
+        }
+    }
+
+    /// The mesh of coefficients, colours limited to `[0, 1]`.
+    pub fn instance(&self, shape: &[f64], albedo: &[f64]) -> Mesh {
+        let color = |c: f64| c.clamp(0.0, 1.0) as f32;
+        Mesh {
+            points: self.shape.instance(shape).iter().map(|p| p.map(|x| x as f32)).collect(),
+            colors: self.albedo.instance(albedo).iter().map(|p| p.map(color)).collect(),
+            triangles: self.triangles.clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::build::{BuildOptions, build};
+    use crate::decompose::Truncation;
+    use crate::kernel::{Axis, Preset};
+
+    fn model() -> OwnedModel {
+        let points: Vec<[f32; 3]> = (0..40)
+            .map(|i| [(i % 5) as f32 * 9.0 - 18.0, (i / 5) as f32 * 7.0, ((i * i) % 7) as f32])
+            .collect();
+        let scan = Mesh {
+            colors: points.iter().map(|p| [0.5 + p[0] / 90.0, 0.4, p[1] / 80.0]).collect(),
+            points,
+            triangles: (0..38).map(|i| [i, i + 1, i + 2]).collect(),
+        };
+        let landmarks = [Landmark { name: "tip".into(), vertex: 7 }];
+        let options = BuildOptions {
+            scan_name: "grid",
+            kernels: Preset::named("symmetric-full").unwrap(),
+            mirror: Some(Axis::X),
+            truncation: Truncation::Rank(12),
+            millimetres: 1.0,
+        };
+        build(&scan, &landmarks, &options, &mut |_, _| {}).unwrap().model
+    }
+
+    #[test]
+    fn a_model_survives_the_way_to_numbers_and_back() {
+        let file = model();
+        let numbers = Morphable::of(&file.view());
+        let back = numbers.to_model(i16::MAX).unwrap();
+        assert_eq!(back.bytes(), file.bytes());
+    }
+
+    #[test]
+    fn a_marginal_is_the_instance_at_its_vertices() {
+        let numbers = Morphable::of(&model().view());
+        let some = [3, 17, 30];
+        let coefficients = [0.5, -1.0, 2.0, 0.25];
+        let whole = numbers.shape.instance(&coefficients);
+        let part = numbers.shape.marginal(&some).instance(&coefficients);
+        for (v, p) in some.iter().zip(part) {
+            assert_eq!(whole[*v as usize], p);
+        }
+    }
+}
