@@ -2,7 +2,7 @@
 
 use onescan::build::{BuildOptions, build};
 use onescan::decompose::Truncation;
-use onescan::kernel::{Axis, Preset};
+use onescan::kernel::{Axis, Kernels};
 use onescan::landmarks::Landmark;
 use onescan::mesh::Mesh;
 use onescan::model_file::OwnedModel;
@@ -26,8 +26,7 @@ pub fn model() -> &'static OwnedModel {
             .collect();
         let options = BuildOptions {
             scan_name: "square",
-            kernels: Preset::named("standard-full").expect("a preset"),
-            mirror: Some(Axis::X),
+            kernels: Kernels::named("standard-full", Some(Axis::X)).expect("a preset"),
             truncation: Truncation::Rank(3),
             millimetres: 1.0,
         };

@@ -2,22 +2,25 @@
 
 use crate::decompose::{Decomposition, Progress, Truncation, decompose};
 use crate::error::{Error, Result};
-use crate::kernel::{Axis, Kernel, Preset, Vertex};
+use crate::kernel::{Kernel, Kernels, Vertex};
 use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
 use crate::model_file::{Half, ModelParts, OwnedModel};
+use crate::morphable::Process;
+use crate::reference;
 use std::fmt;
 use std::time::Instant;
 
+/// Seed of [`build_reference`], the released program's.
+const SEED: u64 = 1986;
+
 /// How a model is built.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct BuildOptions<'a> {
     /// What the model's provenance calls the scan: its file name, without directories.
     pub scan_name: &'a str,
     /// The kernels of shape and albedo.
-    pub kernels: &'a Preset,
-    /// Plane of symmetry through the origin, for kernels that use one.
-    pub mirror: Option<Axis>,
+    pub kernels: Kernels,
     /// Components of shape and of albedo.
     pub truncation: Truncation,
     /// Length of the scan's unit: 1 for millimetres, 10 for centimetres, 1000 for metres.
@@ -73,20 +76,7 @@ pub fn build(
     options: &BuildOptions<'_>,
     progress: &mut Progress<'_>,
 ) -> Result<BuiltModel> {
-    let points: Vec<[f32; 3]> =
-        scan.points.iter().map(|p| p.map(|c| c * options.millimetres)).collect();
-    if !(options.millimetres > 0.0 && points.as_flattened().iter().all(|c| c.is_finite())) {
-        return Err(Error::new(format_args!(
-            "a unit of {} mm does not suit this scan; give mm, cm or m",
-            options.millimetres
-        )));
-    }
-    let vertices: Vec<Vertex> = points
-        .iter()
-        .zip(&scan.colors)
-        .map(|(p, c)| Vertex { position: p.map(f64::from), color: c.map(f64::from) })
-        .collect();
-
+    let (points, vertices) = vertices(scan, options)?;
     let mut half = |name: &str, kernel: &Kernel, from: f64| {
         let start = Instant::now();
         let deviation = decompose(kernel, &vertices, options.truncation, &mut |done, what| {
@@ -102,13 +92,82 @@ pub fn build(
         };
         Ok::<(Decomposition, HalfReport), Error>((deviation, report))
     };
-    let (shape, shape_report) = half("shape", &options.kernels.shape(options.mirror), 0.0)?;
-    let (albedo, albedo_report) = half("albedo", &options.kernels.albedo(options.mirror), 0.5)?;
+    let (shape, shape_report) = half("shape", &options.kernels.shape, 0.0)?;
+    let (albedo, albedo_report) = half("albedo", &options.kernels.albedo, 0.5)?;
 
+    let halves = [
+        Half { mean: &points, deviation: &shape },
+        Half { mean: &scan.colors, deviation: &albedo },
+    ];
+    lay_out(scan, landmarks, options, halves, [shape_report, albedo_report])
+}
+
+/// Builds a model the way the paper's released program does, see [`mod@reference`]. Of the options
+/// the truncation is ignored.
+///
+/// # Errors
+/// Those of [`reference::reference`] and [`build`].
+pub fn build_reference(
+    scan: &Mesh,
+    landmarks: &[Landmark],
+    options: &BuildOptions<'_>,
+    progress: &mut Progress<'_>,
+) -> Result<BuiltModel> {
+    let (points, vertices) = vertices(scan, options)?;
+    let start = Instant::now();
+    let halves =
+        reference::reference(&options.kernels, &vertices, [&points, &scan.colors], SEED, progress)?;
+    // A model file's variances are those of all vertices together, not of one.
+    let halves = halves.map(Process::normalized);
+    let seconds = start.elapsed().as_secs_f64();
+    let [shape, albedo] = &halves;
+    let report = |kernel: &Kernel, process: &Process| HalfReport {
+        kernel: format!("nystrom {kernel}"),
+        rank: process.rank(),
+        captured: process.captured(),
+        max_residual: f64::NAN,
+        seconds: 0.5 * seconds,
+    };
+    let reports =
+        [report(&options.kernels.shape, shape), report(&options.kernels.albedo, albedo)];
+    let deviations = [shape.deviation(), albedo.deviation()];
+    let halves = [
+        Half { mean: &shape.mean, deviation: &deviations[0] },
+        Half { mean: &albedo.mean, deviation: &deviations[1] },
+    ];
+    lay_out(scan, landmarks, options, halves, reports)
+}
+
+/// The scan's points in millimetres, and what kernels are evaluated on.
+fn vertices(scan: &Mesh, options: &BuildOptions<'_>) -> Result<(Vec<[f32; 3]>, Vec<Vertex>)> {
+    let points: Vec<[f32; 3]> =
+        scan.points.iter().map(|p| p.map(|c| c * options.millimetres)).collect();
+    if !(options.millimetres > 0.0 && points.as_flattened().iter().all(|c| c.is_finite())) {
+        return Err(Error::new(format_args!(
+            "a unit of {} mm does not suit this scan; give mm, cm or m",
+            options.millimetres
+        )));
+    }
+    let vertices = points
+        .iter()
+        .zip(&scan.colors)
+        .map(|(p, c)| Vertex { position: p.map(f64::from), color: c.map(f64::from) })
+        .collect();
+    Ok((points, vertices))
+}
+
+/// The model file, and how its making went.
+fn lay_out(
+    scan: &Mesh,
+    landmarks: &[Landmark],
+    options: &BuildOptions<'_>,
+    [shape, albedo]: [Half<'_>; 2],
+    [shape_report, albedo_report]: [HalfReport; 2],
+) -> Result<BuiltModel> {
     let start = Instant::now();
     let parts = ModelParts {
-        shape: Half { mean: &points, deviation: &shape },
-        albedo: Half { mean: &scan.colors, deviation: &albedo },
+        shape,
+        albedo,
         triangles: &scan.triangles,
         landmarks,
         provenance: &provenance(options, &shape_report, &albedo_report),
@@ -116,7 +175,7 @@ pub fn build(
     };
     let model = OwnedModel::from_bytes(&parts.to_bytes()?)?;
     let report = BuildReport {
-        vertices: points.len(),
+        vertices: scan.points.len(),
         triangles: scan.triangles.len(),
         shape: shape_report,
         albedo: albedo_report,
@@ -128,10 +187,8 @@ pub fn build(
 /// Where the model comes from, as TOML. Nothing of the machine it was made on, nor times: equal
 /// inputs give equal files.
 fn provenance(options: &BuildOptions<'_>, shape: &HalfReport, albedo: &HalfReport) -> String {
-    let mirror = options.mirror.map_or("none".to_string(), |axis| axis.to_string());
     format!(
-        "onescan = \"{}\"\nscan = {:?}\nmillimetres_per_unit = {}\nkernels = \"{}\"\n\
-         mirror = \"{mirror}\"\n\
+        "onescan = \"{}\"\nscan = {:?}\nmillimetres_per_unit = {}\nkernels = {:?}\n\
          shape_kernel = \"{}\"\nshape_rank = {}\nshape_captured = {:.4}\n\
          albedo_kernel = \"{}\"\nalbedo_rank = {}\nalbedo_captured = {:.4}\n",
         env!("CARGO_PKG_VERSION"),

@@ -3,7 +3,7 @@
 use crate::build::{BuildOptions, BuiltModel, build};
 use crate::decompose::{Progress, Truncation};
 use crate::error::{Error, Result};
-use crate::kernel::{Axis, Preset};
+use crate::kernel::{Axis, Kernels};
 use crate::landmarks::{self, Landmark};
 use crate::mesh::Mesh;
 use crate::model_file::OwnedModel;
@@ -58,11 +58,9 @@ pub fn template() -> Result<(Mesh, Vec<Landmark>)> {
 /// None: the bytes are built in.
 pub fn template_model(rank: usize, progress: &mut Progress<'_>) -> Result<BuiltModel> {
     let (mesh, landmarks) = template()?;
-    let kernels = Preset::named("symmetric-full").ok_or_else(|| Error::new("no such kernels"))?;
     let options = BuildOptions {
         scan_name: "template.ply",
-        kernels,
-        mirror: Some(Axis::X),
+        kernels: Kernels::named("symmetric-full", Some(Axis::X))?,
         truncation: Truncation::Rank(rank),
         millimetres: 1.0,
     };

@@ -6,13 +6,13 @@
 //! | step | room |
 //! |---|---|
 //! | scan → mesh | [`ply`], [`mesh`], [`landmarks`] |
-//! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
+//! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`mod@reference`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
 //! | models in double precision | [`morphable`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
-//! | the demo, the benchmark | [`demo`], [`mod@bench`] |
+//! | the demo, experiments, the benchmark | [`demo`], [`experiment`], [`mod@bench`] |
 //! | the core's stages for wide vectors | [`simd`] |
 //! | files, errors, progress | [`files`], [`error`], [`progress`] |
 //!
@@ -31,6 +31,8 @@ pub mod decompose;
 pub mod demo;
 pub mod error;
 #[cfg(feature = "full")]
+pub mod experiment;
+#[cfg(feature = "full")]
 pub mod export;
 #[cfg(feature = "full")]
 pub mod files;
@@ -48,6 +50,8 @@ pub mod picture;
 pub mod ply;
 #[cfg(feature = "full")]
 pub mod progress;
+#[cfg(feature = "full")]
+pub mod reference;
 pub mod render;
 pub mod report;
 pub mod rps;

@@ -75,6 +75,38 @@ impl Process {
         self.mean.len()
     }
 
+    /// Fraction of the whole variance that the components hold.
+    pub fn captured(&self) -> f64 {
+        let held: f64 = self.held().iter().sum();
+        if self.total_variance > 0.0 { held / self.total_variance } else { 1.0 }
+    }
+
+    /// `λ ‖u‖²`: the variance that each component holds over all vertices.
+    pub fn held(&self) -> Vec<f64> {
+        self.basis.col_iter().zip(&self.variances).map(|(u, v)| v * u.squared_norm_l2()).collect()
+    }
+
+    /// The same process with columns of length one.
+    #[must_use]
+    pub fn normalized(mut self) -> Self {
+        let held = self.held();
+        for ((column, variance), held) in
+            self.basis.col_iter_mut().zip(&self.variances).zip(&held)
+        {
+            let length = (held / variance).sqrt();
+            if length > 0.0 {
+                column.iter_mut().for_each(|x| *x /= length);
+            }
+        }
+        self.variances = held;
+        self
+    }
+
+    /// What a model file is laid out from.
+    pub fn deviation(&self) -> impl Deviation {
+        Scaled { process: self }
+    }
+
     /// `Q = U diag(√λ)`: the components with their standard deviations.
     pub fn scaled_basis(&self) -> Mat<f64> {
         let mut scaled = self.basis.clone();
@@ -119,20 +151,17 @@ impl Process {
         let count = vertices.len();
         let row = |i: usize| i / count * self.vertices() + vertices[i % count] as usize;
         let basis = Mat::from_fn(3 * count, self.rank(), |i, k| self.basis[(row(i), k)]);
-        let held = |basis: &Mat<f64>| -> f64 {
-            basis.col_iter().zip(&self.variances).map(|(u, v)| v * u.squared_norm_l2()).sum()
-        };
-        let (before, after) = (held(&self.basis), held(&basis));
         // What the components never held is assumed to be spread over the vertices like what
         // they hold.
-        let share = if before > 0.0 { after / before } else { 1.0 };
-        Self {
+        let mut marginal = Self {
             mean: vertices.iter().map(|&v| self.mean[v as usize]).collect(),
             basis,
             variances: self.variances.clone(),
-            noise: self.noise,
-            total_variance: self.total_variance * share,
-        }
+            ..*self
+        };
+        let (before, after) = (self.captured(), marginal.captured());
+        marginal.total_variance *= if before > 0.0 { after / before } else { 1.0 };
+        marginal
     }
 }
 
@@ -198,8 +227,8 @@ impl Morphable {
     /// See [`ModelParts::to_bytes`].
     pub fn to_model(&self, levels: i16) -> Result<OwnedModel> {
         let parts = ModelParts {
-            shape: Half { mean: &self.shape.mean, deviation: &Scaled { process: &self.shape } },
-            albedo: Half { mean: &self.albedo.mean, deviation: &Scaled { process: &self.albedo } },
+            shape: Half { mean: &self.shape.mean, deviation: &self.shape.deviation() },
+            albedo: Half { mean: &self.albedo.mean, deviation: &self.albedo.deviation() },
             triangles: &self.triangles,
             landmarks: &self.landmarks,
             provenance: &self.provenance,
@@ -233,7 +262,7 @@ mod tests {
     use super::*;
     use crate::build::{BuildOptions, build};
     use crate::decompose::Truncation;
-    use crate::kernel::{Axis, Preset};
+    use crate::kernel::{Axis, Kernels};
 
     fn model() -> OwnedModel {
         let points: Vec<[f32; 3]> = (0..40)
@@ -247,8 +276,7 @@ mod tests {
         let landmarks = [Landmark { name: "tip".into(), vertex: 7 }];
         let options = BuildOptions {
             scan_name: "grid",
-            kernels: Preset::named("symmetric-full").unwrap(),
-            mirror: Some(Axis::X),
+            kernels: Kernels::named("symmetric-full", Some(Axis::X)).unwrap(),
             truncation: Truncation::Rank(12),
             millimetres: 1.0,
         };

@@ -2,7 +2,7 @@
 
 use onescan::build::{BuildOptions, BuiltModel, build};
 use onescan::decompose::Truncation;
-use onescan::kernel::{Axis, Preset, Vertex};
+use onescan::kernel::{Axis, Kernels, Preset, Vertex};
 use onescan::landmarks;
 use onescan::mesh::Mesh;
 use onescan::model_file::OwnedModel;
@@ -25,8 +25,7 @@ fn part_of_the_template() -> Mesh {
 fn options(truncation: Truncation) -> BuildOptions<'static> {
     BuildOptions {
         scan_name: "part.ply",
-        kernels: Preset::named("symmetric-full").unwrap(),
-        mirror: Some(Axis::X),
+        kernels: Kernels::named("symmetric-full", Some(Axis::X)).unwrap(),
         truncation,
         millimetres: 1.0,
     }

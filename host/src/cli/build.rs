@@ -2,10 +2,10 @@
 
 use super::{file_name, output_file};
 use clap::{Args, ValueEnum};
-use onescan::build::{BuildOptions, build};
+use onescan::build::{BuildOptions, build, build_reference};
 use onescan::decompose::Truncation;
 use onescan::error::{Error, Result};
-use onescan::kernel::{Axis, PRESETS, Preset};
+use onescan::kernel::{Axis, Hyper, Kernels, PRESETS, Preset};
 use onescan::progress::Console;
 use onescan::{landmarks, ply};
 use std::path::PathBuf;
@@ -22,6 +22,13 @@ pub(super) struct Build {
     /// Kernels: (standard|correlated|symmetric)-(full|rgb|xyz).
     #[arg(long, default_value = "symmetric-full", value_parser = preset)]
     kernels: &'static Preset,
+    /// Other hyper-parameters, or kernels of your own, in a TOML file; see docs/kernels.md.
+    #[arg(long, value_name = "FILE")]
+    kernel_file: Option<PathBuf>,
+    /// As the paper's released program does it: 199 components by Nyström's method from 300
+    /// vertices, a "full" albedo from 200 samples; see docs/decomposition.md.
+    #[arg(long, conflicts_with_all = ["rank", "variance"])]
+    reference: bool,
     /// Components of shape and of albedo.
     #[arg(long, default_value_t = 199, value_parser = clap::value_parser!(u32).range(0..=2000))]
     rank: u32,
@@ -81,16 +88,20 @@ impl Build {
             Some(path) => landmarks::read(path, &scan.points, millimetres)?,
             None => Vec::new(),
         };
+        let mirror = match self.mirror {
+            Mirror::X => Some(Axis::X),
+            Mirror::Y => Some(Axis::Y),
+            Mirror::Z => Some(Axis::Z),
+            Mirror::None => None,
+        };
+        let kernels = match &self.kernel_file {
+            Some(path) => Kernels::read(path, self.kernels, mirror)?,
+            None => self.kernels.kernels(&Hyper::default(), mirror),
+        };
         let scan_name = file_name(&self.scan);
         let options = BuildOptions {
             scan_name: &scan_name,
-            kernels: self.kernels,
-            mirror: match self.mirror {
-                Mirror::X => Some(Axis::X),
-                Mirror::Y => Some(Axis::Y),
-                Mirror::Z => Some(Axis::Z),
-                Mirror::None => None,
-            },
+            kernels,
             truncation: match self.variance {
                 Some(fraction) => Truncation::Variance(fraction),
                 None => Truncation::Rank(self.rank as usize),
@@ -98,6 +109,7 @@ impl Build {
             millimetres,
         };
         let mut task = console.task("building", 1000);
+        let build = if self.reference { build_reference } else { build };
         let built = build(&scan, &landmarks, &options, &mut |done, what| {
             task.name(what);
             task.set((1000.0 * done) as u64);

@@ -3,6 +3,7 @@
 mod bench;
 mod build;
 mod demo;
+mod experiment;
 mod export;
 mod fit;
 mod info;
@@ -55,6 +56,8 @@ enum Command {
     Render(render::Render),
     /// Fit a model to a photo with landmarks.
     Fit(fit::Fit),
+    /// Run one of the paper's experiments: pictures and tables of models.
+    Experiment(experiment::Experiment),
     /// Measure steps per second on this machine, stage by stage, beside its memory bandwidth.
     Bench(bench::Bench),
 }
@@ -72,6 +75,7 @@ impl Arguments {
             Some(Command::Sample(command)) => command.run(console),
             Some(Command::Render(command)) => command.run(console),
             Some(Command::Fit(command)) => command.run(console),
+            Some(Command::Experiment(command)) => command.run(console),
             Some(Command::Bench(command)) => command.run(console),
         }
     }

@@ -101,6 +101,31 @@ impl Figure {
     }
 }
 
+/// A page of one's own: `body` is HTML.
+///
+/// # Errors
+/// None.
+#[cfg(feature = "full")]
+pub fn essay(title: &str, lead: &str, body: &str) -> Result<String> {
+    let mut html = String::new();
+    begin(&mut html, title, lead)
+        .and_then(|()| html.write_str(body))
+        .and_then(|()| end(&mut html))
+        .map_err(Error::new)?;
+    Ok(html)
+}
+
+/// A picture as HTML.
+///
+/// # Errors
+/// A picture without pixels.
+#[cfg(feature = "full")]
+pub fn figure(picture: &Picture, alt: &str, caption: &'static str) -> Result<String> {
+    let mut html = String::new();
+    Figure::new(picture, alt, caption)?.write(&mut html).map_err(Error::new)?;
+    Ok(html)
+}
+
 /// One fit on the page.
 struct Section<'a> {
     summary: &'a Summary,
@@ -215,18 +240,7 @@ impl Page<'_> {
     }
 
     fn write(&self, f: &mut impl Write) -> fmt::Result {
-        let version = env!("CARGO_PKG_VERSION");
-        write!(
-            f,
-            "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n\
-             <header><p class=\"kicker\">onescan {version}</p>\n<h1>{title}</h1>\n\
-             <p class=\"lead\">{lead}</p></header>\n<main>\n",
-            title = Escaped(&self.title),
-            style = include_str!("style.css"),
-            lead = Escaped(self.lead),
-        )?;
+        begin(f, &self.title, self.lead)?;
         if let Some(samples) = &self.samples {
             f.write_str("<section>\n<h2>The model</h2>\n")?;
             samples.write(f)?;
@@ -244,12 +258,33 @@ impl Page<'_> {
             )?;
         }
         facts(f, &provenance_facts(self.provenance))?;
-        write!(
-            f,
-            "</section>\n</main>\n<footer><p class=\"note\">Made by onescan {version}. This page \
-             needs no other file and asks no server for anything.</p></footer>\n</body>\n</html>\n"
-        )
+        f.write_str("</section>\n")?;
+        end(f)
     }
+}
+
+fn begin(f: &mut impl Write, title: &str, lead: &str) -> fmt::Result {
+    write!(
+        f,
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n\
+         <header><p class=\"kicker\">onescan {version}</p>\n<h1>{title}</h1>\n\
+         <p class=\"lead\">{lead}</p></header>\n<main>\n",
+        version = env!("CARGO_PKG_VERSION"),
+        title = Escaped(title),
+        style = include_str!("style.css"),
+        lead = Escaped(lead),
+    )
+}
+
+fn end(f: &mut impl Write) -> fmt::Result {
+    write!(
+        f,
+        "</main>\n<footer><p class=\"note\">Made by onescan {}. This page needs no other file and \
+         asks no server for anything.</p></footer>\n</body>\n</html>\n",
+        env!("CARGO_PKG_VERSION")
+    )
 }
 
 /// What happened, for somebody who has never fitted a model.

@@ -5,7 +5,13 @@
 //! ([`rbf`], σ in millimetres) or colour space ([`rgb_rbf`], RGB in `[0, 1]³`); the weights are
 //! variances (mm² for shapes, squared colour for albedo). Matrix-valued kernels ([`Kernel`])
 //! give a 3×3 block per pair of vertices. [`PRESETS`] lists the paper's nine face models
-//! (sections "Shape Covariance Kernels", "Albedo Covariance Kernels").
+//! (sections "Shape Covariance Kernels", "Albedo Covariance Kernels"), made of its ten
+//! [`KERNELS`]. A kernel prints as algebra, and is parsed from it.
+
+mod algebra;
+mod preset;
+
+pub use preset::{Field, Hyper, KERNELS, Kernels, Named, PRESETS, Preset};
 
 use std::fmt;
 use std::ops::{Add, Mul};
@@ -170,16 +176,7 @@ impl Kernel {
 
     /// The 3×3 covariance block of vertices `x` and `y`.
     pub fn evaluate(&self, x: &Vertex, y: &Vertex) -> Matrix3 {
-        let mut block = [[0.0; 3]; 3];
-        for term in self.terms() {
-            let g = term.gaussian(x, y);
-            for (row, m) in block.iter_mut().zip(term.matrix) {
-                for (b, m) in row.iter_mut().zip(m) {
-                    *b += m * g;
-                }
-            }
-        }
-        block
+        block(&self.terms(), x, y)
     }
 
     /// The kernel as a flat sum. Terms of the same Gaussian and mirror are not merged.
@@ -231,6 +228,20 @@ impl Term {
         let r2: f64 = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum();
         (-r2 / (self.sigma * self.sigma)).exp()
     }
+}
+
+/// The sum of a kernel's terms at vertices `x` and `y`.
+pub fn block(terms: &[Term], x: &Vertex, y: &Vertex) -> Matrix3 {
+    let mut block = [[0.0; 3]; 3];
+    for term in terms {
+        let g = term.gaussian(x, y);
+        for (row, m) in block.iter_mut().zip(term.matrix) {
+            for (b, m) in row.iter_mut().zip(m) {
+                *b += m * g;
+            }
+        }
+    }
+    block
 }
 
 /// `Φ p` for the reflection that negates some coordinates.
@@ -285,77 +296,6 @@ impl fmt::Display for Kernel {
             Self::Sum(a, b) => write!(f, "{a} + {b}"),
         }
     }
-}
-
-/// A named pair of kernels.
-pub struct Preset {
-    /// Name on the command line.
-    pub name: &'static str,
-    shape: fn(Option<Axis>) -> Kernel,
-    albedo: fn(Option<Axis>) -> Kernel,
-}
-
-impl Preset {
-    /// Finds a preset by its name.
-    pub fn named(name: &str) -> Option<&'static Self> {
-        PRESETS.iter().find(|preset| preset.name == name)
-    }
-
-    /// The shape kernel, displacements in millimetres. `mirror` is the object's plane of
-    /// symmetry; without one, symmetric kernels lose their mirrored summand.
-    pub fn shape(&self, mirror: Option<Axis>) -> Kernel {
-        (self.shape)(mirror)
-    }
-
-    /// The albedo kernel, RGB in `[0, 1]`; `mirror` as for [`Preset::shape`].
-    pub fn albedo(&self, mirror: Option<Axis>) -> Kernel {
-        (self.albedo)(mirror)
-    }
-}
-
-/// The paper's nine face models. Shape: `K_s` or `K_s^sym`. Albedo: by position (xyz), by
-/// colour (rgb), or the mean of both (full); channels independent (standard) or correlated
-/// (correlated, symmetric); mirrored (symmetric, position part only: a colour kernel of a
-/// symmetric object is symmetric already).
-pub const PRESETS: [Preset; 9] = [
-    Preset { name: "standard-full", shape: plain, albedo: |_| mean_of(rgb(0.0), xyz(0.0)) },
-    Preset { name: "standard-rgb", shape: plain, albedo: |_| rgb(0.0) },
-    Preset { name: "standard-xyz", shape: plain, albedo: |_| xyz(0.0) },
-    Preset { name: "correlated-full", shape: plain, albedo: |_| mean_of(rgb(GAMMA), xyz(BETA)) },
-    Preset { name: "correlated-rgb", shape: plain, albedo: |_| rgb(GAMMA) },
-    Preset { name: "correlated-xyz", shape: plain, albedo: |_| xyz(BETA) },
-    Preset {
-        name: "symmetric-full",
-        shape: symmetric,
-        albedo: |mirror| mean_of(rgb(GAMMA), xyz(BETA).mirrored(mirror, ALPHA)),
-    },
-    Preset { name: "symmetric-rgb", shape: symmetric, albedo: |_| rgb(GAMMA) },
-    Preset {
-        name: "symmetric-xyz",
-        shape: symmetric,
-        albedo: |mirror| xyz(BETA).mirrored(mirror, ALPHA),
-    },
-];
-
-// Paper, section "Choices of Hyperparameters".
-const ALPHA: f64 = 0.7;
-const BETA: f64 = 0.9375;
-const GAMMA: f64 = 0.95;
-
-fn plain(_: Option<Axis>) -> Kernel {
-    (7.0 * rbf(100.0) + 5.0 * rbf(50.0) + 3.0 * rbf(10.0)).identity()
-}
-
-fn symmetric(mirror: Option<Axis>) -> Kernel {
-    plain(mirror).mirrored_displacement(mirror, ALPHA)
-}
-
-fn xyz(beta: f64) -> Kernel {
-    (0.02 * rbf(500.0) + 0.01 * rbf(20.0) + 0.01 * rbf(2.0)).correlated(beta)
-}
-
-fn rgb(gamma: f64) -> Kernel {
-    (0.015 * rgb_rbf(0.15)).correlated(gamma)
 }
 
 #[cfg(test)]

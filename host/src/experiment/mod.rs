@@ -1,0 +1,3 @@
+//! The paper's experiments that need no photos: tables and pictures of models.
+
+pub mod kernels;

@@ -1,0 +1,265 @@
+//! Models the way the paper's released program makes them: by the Nyström method.
+//!
+//! Where that program differs from the paper's text, so does this module; docs/decomposition.md
+//! lists how. Its random numbers are Java's, so its models cannot be had to the bit.
+
+use crate::decompose::Progress;
+use crate::error::{Error, Result};
+use crate::kernel::{Kernel, Kernels, Matrix3, Vertex, block};
+use crate::morphable::Process;
+use faer::{Mat, MatRef, Side};
+use onescan_core::rng::Rng;
+use rayon::prelude::*;
+
+/// Vertices sampled, with replacement.
+pub const POINTS: usize = 300;
+/// Components kept.
+pub const COMPONENTS: usize = 199;
+/// Samples a "full" albedo is the principal components of.
+pub const SAMPLES: usize = 200;
+/// Relative trace at which the pivoted Cholesky factorisation stops.
+const TOLERANCE: f64 = 1e-5;
+/// Smallest eigenvalue kept.
+const SMALLEST: f64 = 1e-8;
+
+/// The leading components of a kernel over the vertices by the Nyström method: eigenvectors of the
+/// kernel over `points` random vertices, extended to all of them.
+///
+/// With `K u = Λ u` over the sample, `λ = Λ/n` and `φ(x) = (√n/Λ) k(x, X) u`. The `φ` are
+/// orthonormal over the sample, not over all vertices, where their squares sum to about V.
+///
+/// # Errors
+/// When the eigenvalues do not converge.
+pub fn nystrom(
+    kernel: &Kernel,
+    vertices: &[Vertex],
+    mean: &[[f32; 3]],
+    points: usize,
+    components: usize,
+    rng: &mut Rng,
+) -> Result<Process> {
+    let sample: Vec<Vertex> = (0..points)
+        .map(|_| vertices[(rng.uniform() * vertices.len() as f64) as usize % vertices.len()])
+        .collect();
+    let terms = kernel.terms();
+    let n = sample.len();
+    let rows: Vec<Vec<f64>> = (0..3 * n)
+        .into_par_iter()
+        .map(|row| {
+            let of = |y: &Vertex| block(&terms, &sample[row / 3], y)[row % 3];
+            sample.iter().flat_map(of).collect()
+        })
+        .collect();
+    let matrix = Mat::from_fn(3 * n, 3 * n, |i, j| rows[i][j]);
+    let factor = pivoted_cholesky(matrix.as_ref(), TOLERANCE);
+    // L Lᵀ u = Λ u by way of the smaller Lᵀ L w = Λ w, u = L w / √Λ.
+    let small = factor.transpose() * &factor;
+    let eigen = small.self_adjoint_eigen(Side::Lower).map_err(|_| {
+        Error::new("the eigenvalues of the sampled kernel do not converge")
+    })?;
+    let lambda: Vec<f64> = eigen.S().column_vector().iter().rev().copied().collect();
+    let n_points = n as f64;
+    let rank = lambda.iter().take_while(|l| **l / n_points >= SMALLEST).count().min(components);
+    let w = eigen.U().reverse_cols();
+    let mut u = &factor * w.subcols(0, rank);
+    for (column, l) in u.col_iter_mut().zip(&lambda) {
+        // u / Λ · √n, with u = L w / √Λ.
+        let scale = n_points.sqrt() / (l.sqrt() * l);
+        column.iter_mut().for_each(|x| *x *= scale);
+    }
+    let count = vertices.len();
+    let mut basis = Mat::zeros(3 * count, rank);
+    let extended: Vec<Mat<f64>> = vertices
+        .par_chunks(256)
+        .map(|chunk| {
+            let mut rows = Mat::zeros(3 * chunk.len(), 3 * n);
+            for (i, x) in chunk.iter().enumerate() {
+                for (j, y) in sample.iter().enumerate() {
+                    let block = block(&terms, x, y);
+                    for (r, row) in block.iter().enumerate() {
+                        for (c, value) in row.iter().enumerate() {
+                            rows[(3 * i + r, 3 * j + c)] = *value;
+                        }
+                    }
+                }
+            }
+            rows * &u
+        })
+        .collect();
+    for (chunk, values) in extended.iter().enumerate() {
+        for i in 0..values.nrows() {
+            let vertex = 256 * chunk + i / 3;
+            for k in 0..rank {
+                basis[(i % 3 * count + vertex, k)] = values[(i, k)];
+            }
+        }
+    }
+    let total_variance = vertices.iter().map(|v| trace(&block(&terms, v, v))).sum();
+    let variances = lambda[..rank].iter().map(|l| l / n_points).collect();
+    Ok(Process { mean: mean.to_vec(), basis, variances, noise: 0.0, total_variance })
+}
+
+fn trace(block: &Matrix3) -> f64 {
+    block[0][0] + block[1][1] + block[2][2]
+}
+
+/// `L` with `L Lᵀ ≈ K`: columns by the largest remaining diagonal entry, until the trace that
+/// remains is `tolerance` of the first.
+fn pivoted_cholesky(matrix: MatRef<'_, f64>, tolerance: f64) -> Mat<f64> {
+    let n = matrix.nrows();
+    let mut diagonal: Vec<f64> = (0..n).map(|i| matrix[(i, i)]).collect();
+    let enough = tolerance * diagonal.iter().sum::<f64>();
+    let mut columns: Vec<Vec<f64>> = Vec::new();
+    while diagonal.iter().sum::<f64>() >= enough && columns.len() < n {
+        let largest = (0..n).max_by(|&a, &b| diagonal[a].total_cmp(&diagonal[b])).unwrap_or(0);
+        let pivot = diagonal[largest].sqrt();
+        if !(pivot > 0.0) {
+            break;
+        }
+        let mut column: Vec<f64> = matrix.col(largest).iter().copied().collect();
+        for known in &columns {
+            let factor = known[largest];
+            for (value, entry) in column.iter_mut().zip(known) {
+                *value -= entry * factor;
+            }
+        }
+        for ((value, left), i) in column.iter_mut().zip(&mut diagonal).zip(0..) {
+            *value /= pivot;
+            *left = if i == largest { 0.0 } else { (*left - *value * *value).max(0.0) };
+        }
+        columns.push(column);
+    }
+    Mat::from_fn(n, columns.len(), |i, k| columns[k][i])
+}
+
+/// The shape and the albedo the released program makes of kernels.
+///
+/// A "full" albedo is not decomposed: 200 samples each of the colour and the position kernel are
+/// averaged in pairs, so that the covariance is ¼ (K_rgb + K_xyz) and not ½, and what remains are
+/// the principal components of those 200, around their mean instead of the scan.
+///
+/// # Errors
+/// See [`nystrom`].
+pub fn reference(
+    kernels: &Kernels,
+    vertices: &[Vertex],
+    [points, colors]: [&[[f32; 3]]; 2],
+    seed: u64,
+    progress: &mut Progress<'_>,
+) -> Result<[Process; 2]> {
+    let mut rng = Rng::new(seed, 0);
+    let mut half = |kernel: &Kernel, mean: &[[f32; 3]]| {
+        nystrom(kernel, vertices, mean, POINTS, COMPONENTS, &mut rng)
+    };
+    progress(0.0, "shape by Nyström");
+    let shape = half(&kernels.shape, points)?;
+    progress(0.5, "albedo by Nyström");
+    let Some([a, b]) = halves(&kernels.albedo) else {
+        return Ok([shape, half(&kernels.albedo, colors)?]);
+    };
+    let (a, b) = (half(a, colors)?, half(b, colors)?);
+    progress(0.8, "albedo from samples");
+    let samples: Vec<Vec<[f64; 3]>> = (0..SAMPLES)
+        .map(|_| {
+            let mut draw = |process: &Process| {
+                let c: Vec<f64> = (0..process.rank()).map(|_| rng.normal()).collect();
+                process.instance(&c)
+            };
+            let (a, b) = (draw(&a), draw(&b));
+            let mean = |(a, b): (&[f64; 3], &[f64; 3])| {
+                [0, 1, 2].map(|channel| 0.5 * (a[channel] + b[channel]))
+            };
+            a.iter().zip(&b).map(mean).collect()
+        })
+        .collect();
+    Ok([shape, principal(&samples)?])
+}
+
+/// The two kernels that a kernel is the mean of.
+fn halves(kernel: &Kernel) -> Option<[&Kernel; 2]> {
+    let Kernel::Scaled(_, sum) = kernel else { return None };
+    let Kernel::Sum(a, b) = &**sum else { return None };
+    Some([a, b])
+}
+
+/// The principal components of fields, around their mean: eigenpairs of the covariance with the
+/// denominator n − 1, by way of the n × n matrix of inner products.
+fn principal(samples: &[Vec<[f64; 3]>]) -> Result<Process> {
+    let (n, count) = (samples.len(), samples.first().map_or(0, Vec::len));
+    let entry = |row: usize, k: usize| samples[k][row % count][row / count];
+    let means: Vec<f64> =
+        (0..3 * count).map(|row| (0..n).map(|k| entry(row, k)).sum::<f64>() / n as f64).collect();
+    let centred = Mat::from_fn(3 * count, n, |row, k| entry(row, k) - means[row]);
+    let gram = centred.transpose() * &centred;
+    let eigen = gram.self_adjoint_eigen(Side::Lower).map_err(|_| {
+        Error::new("the eigenvalues of the samples do not converge")
+    })?;
+    let squares: Vec<f64> = eigen.S().column_vector().iter().rev().copied().collect();
+    let variances: Vec<f64> =
+        squares.iter().map(|s| s / (n - 1) as f64).take_while(|v| *v > SMALLEST).collect();
+    let mut basis = &centred * eigen.U().reverse_cols().subcols(0, variances.len());
+    for (column, square) in basis.col_iter_mut().zip(&squares) {
+        column.iter_mut().for_each(|x| *x /= square.sqrt());
+    }
+    let mean = |v: usize| [0, 1, 2].map(|channel| means[channel * count + v] as f32);
+    Ok(Process {
+        mean: (0..count).map(mean).collect(),
+        basis,
+        total_variance: variances.iter().sum(),
+        variances,
+        noise: 0.0,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::{Axis, Preset};
+
+    fn vertices() -> Vec<Vertex> {
+        let position = |i: usize| [(i % 9) as f64 * 11.0, (i / 9) as f64 * 9.0, ((i * i) % 13) as f64];
+        let color = |i: usize| [(i % 5) as f64 / 5.0, (i % 3) as f64 / 3.0, 0.5];
+        (0..120).map(|i| Vertex { position: position(i), color: color(i) }).collect()
+    }
+
+    /// With every vertex in the sample (FACTS 2.1's test property): the covariance is the kernel's
+    /// to the tolerance of the factorisation, and the eigenvalues sum to its trace.
+    #[test]
+    fn nystrom_reproduces_the_kernel_where_nothing_is_truncated() {
+        let vertices = vertices();
+        let kernel = Preset::named("symmetric-full").unwrap().shape(Some(Axis::X));
+        let mean = vec![[0.0; 3]; vertices.len()];
+        let n = 400;
+        let mut rng = Rng::new(1, 0);
+        let process = nystrom(&kernel, &vertices, &mean, n, usize::MAX, &mut rng).unwrap();
+        let terms = kernel.terms();
+        // Some vertex was drawn: there the covariance is right.
+        let mut rng = Rng::new(1, 0);
+        let drawn = (rng.uniform() * vertices.len() as f64) as usize;
+        let q = process.scaled_basis();
+        let whole: f64 = trace(&block(&terms, &vertices[drawn], &vertices[drawn]));
+        let held: f64 = (0..3)
+            .map(|c| q.row(c * vertices.len() + drawn).iter().map(|x| x * x).sum::<f64>())
+            .sum();
+        assert!((held / whole - 1.0).abs() < 1e-3, "{held} of {whole}");
+        let sum: f64 = process.variances.iter().sum();
+        let expected = process.total_variance / vertices.len() as f64;
+        assert!((sum / expected - 1.0).abs() < 0.1, "{sum} {expected}");
+        // Orthonormal over the sample, which here is about all of it.
+        let norm = process.basis.col(0).squared_norm_l2() / vertices.len() as f64;
+        assert!((0.5..2.0).contains(&norm), "{norm}");
+    }
+
+    #[test]
+    fn a_full_albedo_has_a_quarter_of_the_two_variances() {
+        let vertices = vertices();
+        let preset = Preset::named("standard-full").unwrap();
+        let kernels = preset.kernels(&crate::kernel::Hyper::default(), None);
+        let mean = vec![[0.5; 3]; vertices.len()];
+        let [_, albedo] =
+            reference(&kernels, &vertices, [&mean, &mean], 3, &mut |_, _| {}).unwrap();
+        let per_number = albedo.total_variance / (3 * vertices.len()) as f64;
+        assert!((per_number / 0.01375 - 1.0).abs() < 0.15, "{per_number}");
+        assert!(albedo.rank() <= 199);
+    }
+}
