@@ -128,8 +128,7 @@ pub fn build_reference(
         max_residual: f64::NAN,
         seconds: 0.5 * seconds,
     };
-    let reports =
-        [report(&options.kernels.shape, shape), report(&options.kernels.albedo, albedo)];
+    let reports = [report(&options.kernels.shape, shape), report(&options.kernels.albedo, albedo)];
     let deviations = [shape.deviation(), albedo.deviation()];
     let halves = [
         Half { mean: &shape.mean, deviation: &deviations[0] },

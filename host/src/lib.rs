@@ -5,7 +5,7 @@
 //!
 //! | step | room |
 //! |---|---|
-//! | scan → mesh | [`ply`], [`mesh`], [`landmarks`] |
+//! | scan → mesh | [`ply`], [`mesh`], [`landmarks`], [`symmetry`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`mod@reference`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
 //! | models in double precision | [`morphable`] |
@@ -58,4 +58,6 @@ pub mod rps;
 #[cfg(feature = "full")]
 pub mod simd;
 pub mod summary;
+#[cfg(feature = "full")]
+pub mod symmetry;
 pub mod tlms;

@@ -90,8 +90,7 @@ impl Process {
     #[must_use]
     pub fn normalized(mut self) -> Self {
         let held = self.held();
-        for ((column, variance), held) in
-            self.basis.col_iter_mut().zip(&self.variances).zip(&held)
+        for ((column, variance), held) in self.basis.col_iter_mut().zip(&self.variances).zip(&held)
         {
             let length = (held / variance).sqrt();
             if length > 0.0 {

@@ -5,7 +5,7 @@
 
 use crate::decompose::Progress;
 use crate::error::{Error, Result};
-use crate::kernel::{Kernel, Kernels, Matrix3, Vertex, block};
+use crate::kernel::{Kernel, Kernels, Vertex, block, trace};
 use crate::morphable::Process;
 use faer::{Mat, MatRef, Side};
 use onescan_core::rng::Rng;
@@ -54,9 +54,9 @@ pub fn nystrom(
     let factor = pivoted_cholesky(matrix.as_ref(), TOLERANCE);
     // L Lᵀ u = Λ u by way of the smaller Lᵀ L w = Λ w, u = L w / √Λ.
     let small = factor.transpose() * &factor;
-    let eigen = small.self_adjoint_eigen(Side::Lower).map_err(|_| {
-        Error::new("the eigenvalues of the sampled kernel do not converge")
-    })?;
+    let eigen = small
+        .self_adjoint_eigen(Side::Lower)
+        .map_err(|_| Error::new("the eigenvalues of the sampled kernel do not converge"))?;
     let lambda: Vec<f64> = eigen.S().column_vector().iter().rev().copied().collect();
     let n_points = n as f64;
     let rank = lambda.iter().take_while(|l| **l / n_points >= SMALLEST).count().min(components);
@@ -99,10 +99,6 @@ pub fn nystrom(
     Ok(Process { mean: mean.to_vec(), basis, variances, noise: 0.0, total_variance })
 }
 
-fn trace(block: &Matrix3) -> f64 {
-    block[0][0] + block[1][1] + block[2][2]
-}
-
 /// `L` with `L Lᵀ ≈ K`: columns by the largest remaining diagonal entry, until the trace that
 /// remains is `tolerance` of the first.
 fn pivoted_cholesky(matrix: MatRef<'_, f64>, tolerance: f64) -> Mat<f64> {
@@ -135,7 +131,7 @@ fn pivoted_cholesky(matrix: MatRef<'_, f64>, tolerance: f64) -> Mat<f64> {
 /// The shape and the albedo the released program makes of kernels.
 ///
 /// A "full" albedo is not decomposed: 200 samples each of the colour and the position kernel are
-/// averaged in pairs, so that the covariance is ¼ (K_rgb + K_xyz) and not ½, and what remains are
+/// averaged in pairs, so that the covariance is `¼ (K_rgb + K_xyz)` and not ½, and what remains are
 /// the principal components of those 200, around their mean instead of the scan.
 ///
 /// # Errors
@@ -191,9 +187,9 @@ fn principal(samples: &[Vec<[f64; 3]>]) -> Result<Process> {
         (0..3 * count).map(|row| (0..n).map(|k| entry(row, k)).sum::<f64>() / n as f64).collect();
     let centred = Mat::from_fn(3 * count, n, |row, k| entry(row, k) - means[row]);
     let gram = centred.transpose() * &centred;
-    let eigen = gram.self_adjoint_eigen(Side::Lower).map_err(|_| {
-        Error::new("the eigenvalues of the samples do not converge")
-    })?;
+    let eigen = gram
+        .self_adjoint_eigen(Side::Lower)
+        .map_err(|_| Error::new("the eigenvalues of the samples do not converge"))?;
     let squares: Vec<f64> = eigen.S().column_vector().iter().rev().copied().collect();
     let variances: Vec<f64> =
         squares.iter().map(|s| s / (n - 1) as f64).take_while(|v| *v > SMALLEST).collect();
@@ -217,7 +213,8 @@ mod tests {
     use crate::kernel::{Axis, Preset};
 
     fn vertices() -> Vec<Vertex> {
-        let position = |i: usize| [(i % 9) as f64 * 11.0, (i / 9) as f64 * 9.0, ((i * i) % 13) as f64];
+        let position =
+            |i: usize| [(i % 9) as f64 * 11.0, (i / 9) as f64 * 9.0, ((i * i) % 13) as f64];
         let color = |i: usize| [(i % 5) as f64 / 5.0, (i % 3) as f64 / 3.0, 0.5];
         (0..120).map(|i| Vertex { position: position(i), color: color(i) }).collect()
     }

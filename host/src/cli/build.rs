@@ -7,7 +7,7 @@ use onescan::decompose::Truncation;
 use onescan::error::{Error, Result};
 use onescan::kernel::{Axis, Hyper, Kernels, PRESETS, Preset};
 use onescan::progress::Console;
-use onescan::{landmarks, ply};
+use onescan::{landmarks, ply, symmetry};
 use std::path::PathBuf;
 
 /// The mean of the model is the scan; its deviations are Gaussian processes over the scan's
@@ -38,7 +38,8 @@ pub(super) struct Build {
     /// Landmarks of the scan, JSON; a fit needs them.
     #[arg(long)]
     landmarks: Option<PathBuf>,
-    /// Axis the plane of symmetry through the origin is perpendicular to.
+    /// Axis the plane of symmetry through the origin is perpendicular to; `find` looks for the
+    /// plane, wherever it is, and moves the scan.
     #[arg(long, default_value = "x")]
     mirror: Mirror,
     /// Unit of the scan's coordinates.
@@ -52,6 +53,7 @@ enum Mirror {
     Y,
     Z,
     None,
+    Find,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -78,7 +80,7 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 impl Build {
     pub(super) fn run(self, console: Console) -> Result<()> {
         output_file(&self.output)?;
-        let scan = ply::read(&self.scan)?;
+        let mut scan = ply::read(&self.scan)?;
         let millimetres = match self.unit {
             Unit::Mm => 1.0,
             Unit::Cm => 10.0,
@@ -93,6 +95,15 @@ impl Build {
             Mirror::Y => Some(Axis::Y),
             Mirror::Z => Some(Axis::Z),
             Mirror::None => None,
+            Mirror::Find => {
+                let found = symmetry::find(&scan.points).map_err(|e| Error::file(&self.scan, e))?;
+                console.say(format_args!(
+                    "plane of symmetry: {}, off by {:.3} mm (root mean square)",
+                    found.plane,
+                    found.error * f64::from(millimetres)
+                ));
+                Some(symmetry::align(&mut scan.points, &found.plane))
+            }
         };
         let kernels = match &self.kernel_file {
             Some(path) => Kernels::read(path, self.kernels, mirror)?,

@@ -15,7 +15,7 @@ mod operator;
 mod structure;
 
 use crate::error::{Error, Result};
-use crate::kernel::{Kernel, Vertex};
+use crate::kernel::{Kernel, Vertex, block, trace};
 use crate::model_file::Deviation;
 use faer::MatRef;
 use krylov::Krylov;
@@ -127,6 +127,18 @@ pub fn decompose(
     truncation: Truncation,
     progress: &mut Progress<'_>,
 ) -> Result<Decomposition> {
+    if truncation == Truncation::Rank(0) {
+        // The trace is all there is to know: no need of V² values of the kernel.
+        let terms = kernel.terms();
+        let total_variance = vertices.iter().map(|v| trace(&block(&terms, v, v))).sum();
+        return Ok(Decomposition {
+            variances: Vec::new(),
+            total_variance,
+            max_residual: 0.0,
+            columns: Vec::new(),
+            vectors: Vec::new(),
+        });
+    }
     let structure = Structure::new(kernel, vertices)?;
     let operator = &structure.operator;
     let mut problems: Vec<Problem> = structure

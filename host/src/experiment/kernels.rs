@@ -56,9 +56,13 @@ pub fn run(
     for (index, named) in KERNELS.iter().enumerate() {
         let kernel = named.kernel(&Hyper::default(), mirror);
         let from = index as f64 / KERNELS.len() as f64;
-        let deviation = decompose(&kernel, &vertices, Truncation::Rank(rank), &mut |done, what| {
-            progress(from + done / KERNELS.len() as f64, &format!("kernel {} {what}", index + 1));
-        })?;
+        let deviation =
+            decompose(&kernel, &vertices, Truncation::Rank(rank), &mut |done, what| {
+                progress(
+                    from + done / KERNELS.len() as f64,
+                    &format!("kernel {} {what}", index + 1),
+                );
+            })?;
         let mean = if named.field == Field::Shape { &scan.points } else { &scan.colors };
         let process = Process::around(mean, &deviation);
         // The same coefficients for every kernel: what differs is the kernel.
@@ -106,13 +110,13 @@ pub fn page(columns: &[Column], scan: &str) -> Result<String> {
          colours alone, the other eight change colours. The light is ambient, so shapes show by \
          their outline and by what their colours do.",
     )?;
-    body += "<table><thead><tr><th>Kernel</th><th>What one sees</th><th>Components</th>\
+    body += "<table><thead><tr><th>Kernel</th><th>What one sees</th><th>Rank</th>\
              <th>Variance held</th></tr></thead>\n<tbody>\n";
     for Column { kernel, algebra, rank, captured, .. } in columns {
         let named = &KERNELS[*kernel];
         writeln!(
             body,
-            "<tr><td>{}</td><td>{}<br><code>{algebra}</code></td><td>{rank}</td><td>{:.1} %</td></tr>",
+            "<tr><td class=\"name\">{}</td><td>{}<br><code>{algebra}</code></td><td>{rank}</td><td>{:.1} %</td></tr>",
             named.symbol,
             named.shows,
             100.0 * captured

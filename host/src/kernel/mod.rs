@@ -244,6 +244,11 @@ pub fn block(terms: &[Term], x: &Vertex, y: &Vertex) -> Matrix3 {
     block
 }
 
+/// Sum of the diagonal.
+pub fn trace(matrix: &Matrix3) -> f64 {
+    matrix[0][0] + matrix[1][1] + matrix[2][2]
+}
+
 /// `Φ p` for the reflection that negates some coordinates.
 pub fn reflect(p: [f64; 3], negates: [bool; 3]) -> [f64; 3] {
     std::array::from_fn(|k| if negates[k] { -p[k] } else { p[k] })

@@ -299,9 +299,10 @@ impl Kernels {
         };
         file.hyper.check().map_err(|e| Error::new(format_args!("[hyper]: {e}")))?;
         let mut kernels = preset.kernels(&file.hyper, mirror);
-        for (name, text, kernel) in
-            [("shape", &file.shape, &mut kernels.shape), ("albedo", &file.albedo, &mut kernels.albedo)]
-        {
+        for (name, text, kernel) in [
+            ("shape", &file.shape, &mut kernels.shape),
+            ("albedo", &file.albedo, &mut kernels.albedo),
+        ] {
             if let Some(text) = text {
                 *kernel = text.parse().map_err(|e| Error::new(format_args!("{name}: {e}")))?;
             }
