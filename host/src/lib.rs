@@ -9,6 +9,8 @@
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
 //! | models in double precision | [`morphable`] |
+//! | surfaces, motions | [`surface`], [`rigid`] |
+//! | the paper's experiments | [`experiment`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
@@ -31,6 +33,8 @@ pub mod decompose;
 pub mod demo;
 pub mod error;
 #[cfg(feature = "full")]
+pub mod experiment;
+#[cfg(feature = "full")]
 pub mod export;
 #[cfg(feature = "full")]
 pub mod files;
@@ -50,8 +54,12 @@ pub mod ply;
 pub mod progress;
 pub mod render;
 pub mod report;
+#[cfg(feature = "full")]
+pub mod rigid;
 pub mod rps;
 #[cfg(feature = "full")]
 pub mod simd;
 pub mod summary;
+#[cfg(feature = "full")]
+pub mod surface;
 pub mod tlms;
