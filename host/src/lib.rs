@@ -8,7 +8,7 @@
 //! | scan → mesh | [`ply`], [`mesh`], [`landmarks`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
-//! | models in double precision | [`morphable`] |
+//! | models in double precision, models of models | [`morphable`], [`operate`] |
 //! | surfaces, motions | [`surface`], [`rigid`] |
 //! | the paper's experiments | [`experiment`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
@@ -47,6 +47,8 @@ pub mod mesh;
 pub mod model_file;
 #[cfg(feature = "full")]
 pub mod morphable;
+#[cfg(feature = "full")]
+pub mod operate;
 pub mod photo;
 pub mod picture;
 pub mod ply;
