@@ -9,7 +9,7 @@
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
 //! | models in double precision, models of models | [`morphable`], [`operate`] |
-//! | surfaces, motions | [`surface`], [`rigid`] |
+//! | how good a model is | [`metrics`], [`surface`], [`rigid`] |
 //! | the paper's experiments | [`experiment`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
@@ -44,6 +44,8 @@ pub mod glb;
 pub mod kernel;
 pub mod landmarks;
 pub mod mesh;
+#[cfg(feature = "full")]
+pub mod metrics;
 pub mod model_file;
 #[cfg(feature = "full")]
 pub mod morphable;

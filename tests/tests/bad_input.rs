@@ -232,6 +232,7 @@ fn what_models_are_made_of() {
         mesh("model project @golden/small.3dmm bad.ply -o out.ply"),
         mesh("model recentre @golden/small.3dmm bad.ply -o out.3dmm"),
         mesh("model posterior @golden/small.3dmm --mesh bad.ply -o out.3dmm"),
+        mesh("evaluate @golden/small.3dmm --meshes bad.ply -o out"),
         case(
             "a mesh that is not registered",
             "bad.ply",

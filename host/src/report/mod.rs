@@ -1,8 +1,13 @@
 //! `report.html`: one self-contained page that shows a fit, or a whole demo, to a stranger.
 
 mod charts;
+#[cfg(feature = "full")]
+mod measures;
 mod tables;
 mod words;
+
+#[cfg(feature = "full")]
+pub use measures::{measures_report, measures_table};
 
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;
@@ -215,18 +220,7 @@ impl Page<'_> {
     }
 
     fn write(&self, f: &mut impl Write) -> fmt::Result {
-        let version = env!("CARGO_PKG_VERSION");
-        write!(
-            f,
-            "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n\
-             <header><p class=\"kicker\">onescan {version}</p>\n<h1>{title}</h1>\n\
-             <p class=\"lead\">{lead}</p></header>\n<main>\n",
-            title = Escaped(&self.title),
-            style = include_str!("style.css"),
-            lead = Escaped(self.lead),
-        )?;
+        head(f, &self.title, self.lead)?;
         if let Some(samples) = &self.samples {
             f.write_str("<section>\n<h2>The model</h2>\n")?;
             samples.write(f)?;
@@ -244,12 +238,35 @@ impl Page<'_> {
             )?;
         }
         facts(f, &provenance_facts(self.provenance))?;
-        write!(
-            f,
-            "</section>\n</main>\n<footer><p class=\"note\">Made by onescan {version}. This page \
-             needs no other file and asks no server for anything.</p></footer>\n</body>\n</html>\n"
-        )
+        f.write_str("</section>\n")?;
+        foot(f)
     }
+}
+
+/// A page up to its first section.
+fn head(f: &mut impl Write, title: &str, lead: &str) -> fmt::Result {
+    write!(
+        f,
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n\
+         <header><p class=\"kicker\">onescan {version}</p>\n<h1>{title}</h1>\n\
+         <p class=\"lead\">{lead}</p></header>\n<main>\n",
+        title = Escaped(title),
+        style = include_str!("style.css"),
+        version = env!("CARGO_PKG_VERSION"),
+        lead = Escaped(lead),
+    )
+}
+
+/// A page after its last section.
+fn foot(f: &mut impl Write) -> fmt::Result {
+    write!(
+        f,
+        "</main>\n<footer><p class=\"note\">Made by onescan {}. This page \
+         needs no other file and asks no server for anything.</p></footer>\n</body>\n</html>\n",
+        env!("CARGO_PKG_VERSION")
+    )
 }
 
 /// What happened, for somebody who has never fitted a model.
