@@ -240,6 +240,16 @@ fn what_models_are_made_of() {
             "model pca @face/template.ply bad.ply -o out.3dmm",
             "other triangles",
         ),
+        Case {
+            bytes: None,
+            ..case(
+                "no fixtures",
+                "face/scans/truths.bin",
+                "",
+                "experiment compactness -o out --fixtures .",
+                "give --fixtures",
+            )
+        },
     ]);
 }
 

@@ -4,6 +4,7 @@ mod bench;
 mod build;
 mod demo;
 mod evaluate;
+mod experiment;
 mod export;
 mod fit;
 mod info;
@@ -76,6 +77,11 @@ enum Command {
     /// (generalization), how near its random instances are to such meshes (specificity); all are
     /// better if less. Writes metrics.json and report.html. The meshes need the model's topology.
     Evaluate(evaluate::Evaluate),
+    /// Repeat an experiment of the paper on this project's faces.
+    ///
+    /// Each writes a report, its numbers, and a table.
+    #[command(subcommand)]
+    Experiment(experiment::Experiment),
     /// Render the mean, or a fit, from any side.
     Render(render::Render),
     /// Fit a model to a photo with landmarks.
@@ -98,6 +104,7 @@ impl Arguments {
             Some(Command::Modes(command)) => command.run(console),
             Some(Command::Model(command)) => command.run(console),
             Some(Command::Evaluate(command)) => command.run(console),
+            Some(Command::Experiment(command)) => command.run(console),
             Some(Command::Render(command)) => command.run(console),
             Some(Command::Fit(command)) => command.run(console),
             Some(Command::Bench(command)) => command.run(console),

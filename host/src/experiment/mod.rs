@@ -2,6 +2,8 @@
 //!
 //! | room | experiment |
 //! |---|---|
+//! | [`compactness`] | one-scan models beside a model of 60 people: how compact, general, specific |
 //! | [`faces`] | the faces they are made on |
 
+pub mod compactness;
 pub mod faces;
