@@ -82,6 +82,73 @@ pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
     Ok(landmarks)
 }
 
+/// Where a landmark is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Position {
+    /// Name, unique in its list and not empty.
+    pub name: String,
+    /// Millimetres, finite.
+    pub at: [f64; 3],
+    /// Covariance of its error, mm²; none if the file does not say.
+    pub covariance: Option<[[f64; 3]; 3]>,
+}
+
+/// An entry of a file of positions.
+#[derive(Deserialize)]
+struct PositionEntry {
+    id: String,
+    coordinates: [f64; 3],
+    uncertainty: Option<Uncertainty>,
+}
+
+/// Standard deviations along orthonormal directions.
+#[derive(Deserialize)]
+struct Uncertainty {
+    stddevs: [f64; 3],
+    pcvectors: [[f64; 3]; 3],
+}
+
+/// Reads where landmarks are.
+///
+/// # Errors
+/// When the file cannot be read, and those of [`parse_positions`]; they name the file.
+pub fn read_positions(path: &Path) -> Result<Vec<Position>> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    parse_positions(&text).map_err(|e| Error::file(path, e))
+}
+
+/// Parses positions, millimetres: a JSON array of `{"id", "coordinates": [x, y, z], "uncertainty"?}`.
+/// An uncertainty is `{"stddevs": [s₁, s₂, s₃], "pcvectors": [v₁, v₂, v₃]}`, vectors of three; it
+/// stands for the covariance `Σ s² v vᵀ`.
+///
+/// # Errors
+/// Malformed JSON (with line and column), empty or repeated names, numbers that are not finite.
+pub fn parse_positions(text: &str) -> Result<Vec<Position>> {
+    let entries: Vec<PositionEntry> = serde_json::from_str(text).map_err(|e| {
+        Error::new(format_args!("{e}; positions are a JSON array of {{\"id\", \"coordinates\"}}"))
+    })?;
+    let mut names = HashSet::new();
+    let mut positions = Vec::new();
+    for (i, entry) in entries.iter().enumerate() {
+        let fault = |what: &str| Error::new(format_args!("landmark {i} ({:?}): {what}", entry.id));
+        if entry.id.is_empty() || !names.insert(&entry.id) {
+            return Err(fault("the name is empty or taken; names must be unique"));
+        }
+        let covariance = entry.uncertainty.as_ref().map(|Uncertainty { stddevs, pcvectors }| {
+            let term = |k: usize, i: usize, j: usize| {
+                stddevs[k] * stddevs[k] * pcvectors[k][i] * pcvectors[k][j]
+            };
+            std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| term(k, i, j)).sum()))
+        });
+        let numbers = covariance.iter().flatten().flatten().chain(&entry.coordinates);
+        if !numbers.copied().all(f64::is_finite) {
+            return Err(fault("a number is too large"));
+        }
+        positions.push(Position { name: entry.id.clone(), at: entry.coordinates, covariance });
+    }
+    Ok(positions)
+}
+
 /// The point nearest to `at` and its distance; infinitely far if there is none.
 fn nearest(points: &[[f32; 3]], at: [f32; 3]) -> (usize, f32) {
     let mut best = (0, f32::INFINITY);
@@ -120,6 +187,24 @@ mod tests {
             (r#"[{"id": "a", "coordinates": [1e30, 0, 0]}]"#, "mm away"),
         ] {
             let message = parse(text, &POINTS, 10.0).unwrap_err().to_string();
+            assert!(message.contains(part), "{message:?} does not say {part:?}");
+        }
+    }
+
+    #[test]
+    fn positions_carry_their_uncertainty() {
+        let text = r#"[{"id": "a", "coordinates": [1, 2, 3]},
+                       {"id": "b", "coordinates": [0, 0, 0], "uncertainty":
+                        {"stddevs": [2, 1, 3], "pcvectors": [[0, 1, 0], [1, 0, 0], [0, 0, 1]]}}]"#;
+        let [a, b] = &parse_positions(text).unwrap()[..] else { panic!("two of them") };
+        assert_eq!((a.at, a.covariance), ([1.0, 2.0, 3.0], None));
+        assert_eq!(b.covariance, Some([[1.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 9.0]]));
+        for (text, part) in [
+            (r#"[{"id": "a", "vertex": 3}]"#, "missing field `coordinates`"),
+            (r#"[{"id": "", "coordinates": [0, 0, 0]}]"#, "landmark 0 (\"\"): the name"),
+            (r#"[{"id": "a", "coordinates": [1e999, 0, 0]}]"#, "line 1"),
+        ] {
+            let message = parse_positions(text).unwrap_err().to_string();
             assert!(message.contains(part), "{message:?} does not say {part:?}");
         }
     }

@@ -8,11 +8,13 @@
 //! | scan → mesh | [`ply`], [`mesh`], [`landmarks`], [`symmetry`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`mod@reference`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
-//! | models in double precision | [`morphable`] |
+//! | models in double precision, models of models | [`morphable`], [`operate`] |
+//! | how good a model is | [`metrics`], [`surface`], [`rigid`] |
+//! | the paper's experiments | [`experiment`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
-//! | the demo, experiments, the benchmark | [`demo`], [`experiment`], [`mod@bench`] |
+//! | the demo, the benchmark | [`demo`], [`mod@bench`] |
 //! | the core's stages for wide vectors | [`simd`] |
 //! | files, errors, progress | [`files`], [`error`], [`progress`] |
 //!
@@ -42,9 +44,13 @@ pub mod glb;
 pub mod kernel;
 pub mod landmarks;
 pub mod mesh;
+#[cfg(feature = "full")]
+pub mod metrics;
 pub mod model_file;
 #[cfg(feature = "full")]
 pub mod morphable;
+#[cfg(feature = "full")]
+pub mod operate;
 pub mod photo;
 pub mod picture;
 pub mod ply;
@@ -54,10 +60,14 @@ pub mod progress;
 pub mod reference;
 pub mod render;
 pub mod report;
+#[cfg(feature = "full")]
+pub mod rigid;
 pub mod rps;
 #[cfg(feature = "full")]
 pub mod simd;
 pub mod summary;
+#[cfg(feature = "full")]
+pub mod surface;
 #[cfg(feature = "full")]
 pub mod symmetry;
 pub mod tlms;

@@ -150,17 +150,17 @@ impl Process {
         let count = vertices.len();
         let row = |i: usize| i / count * self.vertices() + vertices[i % count] as usize;
         let basis = Mat::from_fn(3 * count, self.rank(), |i, k| self.basis[(row(i), k)]);
-        // What the components never held is assumed to be spread over the vertices like what
-        // they hold.
-        let mut marginal = Self {
+        let part = Self {
             mean: vertices.iter().map(|&v| self.mean[v as usize]).collect(),
             basis,
             variances: self.variances.clone(),
             ..*self
         };
-        let (before, after) = (self.captured(), marginal.captured());
-        marginal.total_variance *= if before > 0.0 { after / before } else { 1.0 };
-        marginal
+        // What the components never held is assumed to be spread over the vertices like what
+        // they hold.
+        let (before, after) = (self.held_variance(), part.held_variance());
+        let share = if before > 0.0 { after / before } else { 1.0 };
+        Self { total_variance: self.total_variance * share, ..part }
     }
 }
 
@@ -288,6 +288,17 @@ mod tests {
         let numbers = Morphable::of(&file.view());
         let back = numbers.to_model(i16::MAX).unwrap();
         assert_eq!(back.bytes(), file.bytes());
+    }
+
+    #[test]
+    fn truncation_keeps_the_leading_components() {
+        let whole = Morphable::of(&model().view()).shape;
+        let part = whole.truncated(5);
+        assert_eq!((part.rank(), part.total_variance), (5, whole.total_variance));
+        assert_eq!(part.variances, whole.variances[..5]);
+        let c = [0.5, -1.0, 2.0, 0.25, 1.0];
+        assert_eq!(part.instance(&c), whole.instance(&c));
+        assert_eq!(whole.truncated(99).rank(), 12);
     }
 
     #[test]

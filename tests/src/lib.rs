@@ -2,5 +2,4 @@
 
 pub mod coarse;
 pub mod full;
-pub mod identities;
 pub mod program;

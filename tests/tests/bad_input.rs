@@ -213,6 +213,47 @@ fn models() {
 }
 
 #[test]
+fn what_models_are_made_of() {
+    const POSTERIOR: &str = "model posterior @golden/small.3dmm --landmarks bad.json -o out.3dmm";
+    const REGION: &str = "model region @golden/small.3dmm --mask bad.txt -o out.3dmm";
+    let other = fixture("face/template.ply");
+    let mesh = |line| case("another topology", "bad.ply", &other[..], line, "vertices, ");
+    refuses(vec![
+        case("no positions", "bad.json", r#"[{"id": "a"}]"#, POSTERIOR, "missing field"),
+        case(
+            "a name of no landmark",
+            "bad.json",
+            r#"[{"id": "horn", "coordinates": [0, 0, 0]}]"#,
+            POSTERIOR,
+            "no landmark \"horn\"",
+        ),
+        case("a mask of words", "bad.txt", "0 1 yes", REGION, "line 3: \"yes\""),
+        case("a short mask", "bad.txt", "0\n1\n", REGION, "has 2 lines"),
+        mesh("model project @golden/small.3dmm bad.ply -o out.ply"),
+        mesh("model recentre @golden/small.3dmm bad.ply -o out.3dmm"),
+        mesh("model posterior @golden/small.3dmm --mesh bad.ply -o out.3dmm"),
+        mesh("evaluate @golden/small.3dmm --meshes bad.ply -o out"),
+        case(
+            "a mesh that is not registered",
+            "bad.ply",
+            tetrahedron(|text| text),
+            "model pca @face/template.ply bad.ply -o out.3dmm",
+            "other triangles",
+        ),
+        Case {
+            bytes: None,
+            ..case(
+                "no fixtures",
+                "face/scans/truths.bin",
+                "",
+                "experiment compactness -o out --fixtures .",
+                "give --fixtures",
+            )
+        },
+    ]);
+}
+
+#[test]
 fn a_model_without_landmarks_is_not_fitted() {
     let place = tempdir().unwrap();
     fs::write(place.path().join("scan.ply"), tetrahedron(|text| text)).unwrap();

@@ -5,18 +5,18 @@
 //! standard deviation 0.02 and landmarks off by 2 pixels. The mean face is fitted the same way
 //! with pose, light and colour alone. `ONESCAN_TABLE=file` writes the table.
 
-use faer::{Mat, Side};
 use onescan::demo::{random_light, synthetic_photo, template, template_model};
+use onescan::experiment::faces::{Identity, identities};
 use onescan::fit::{Control, Ending, Fit, Job};
 use onescan::mesh::Mesh;
 use onescan::model_file::OwnedModel;
 use onescan::photo::Crop;
 use onescan::render;
+use onescan::rigid::Rigid;
 use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use onescan_tests::identities::{Identity, identities};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Mutex;
@@ -46,7 +46,7 @@ fn fits_come_nearer_to_the_truth_than_the_mean_face() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures");
     let built = template_model(50, &mut |_, _| ()).unwrap();
     let model = built.model.view();
-    let identities = identities(&fixtures);
+    let identities = identities(&fixtures).unwrap();
     let next = AtomicUsize::new(0);
     let cases = Mutex::new(vec![Case::default(); IDENTITIES * YAWS.len()]);
     std::thread::scope(|scope| {
@@ -148,67 +148,11 @@ fn rms<'a>(pairs: impl Iterator<Item = (&'a f32, &'a f32)>, per: usize) -> f64 {
     (sum / (count / per).max(1) as f64).sqrt()
 }
 
-/// Root mean square vertex distance, mm, after the best rotation and translation (Horn 1987: the
-/// rotation is the leading eigenvector of a 4×4 matrix, as a quaternion).
+/// Root mean square vertex distance, mm, after the best rotation and translation.
 fn distance_after_alignment(moving: &[[f32; 3]], fixed: &[[f32; 3]]) -> f64 {
-    let centre = |points: &[[f32; 3]]| {
-        let mut sum = [0.0; 3];
-        for p in points {
-            for i in 0..3 {
-                sum[i] += f64::from(p[i]) / points.len() as f64;
-            }
-        }
-        sum
-    };
-    let (a, b) = (centre(moving), centre(fixed));
-    let mut s = [[0.0; 3]; 3];
-    for (p, q) in moving.iter().zip(fixed) {
-        for i in 0..3 {
-            for j in 0..3 {
-                s[i][j] += (f64::from(p[i]) - a[i]) * (f64::from(q[j]) - b[j]);
-            }
-        }
-    }
-    let n = [
-        [s[0][0] + s[1][1] + s[2][2], s[1][2] - s[2][1], s[2][0] - s[0][2], s[0][1] - s[1][0]],
-        [0.0, s[0][0] - s[1][1] - s[2][2], s[0][1] + s[1][0], s[2][0] + s[0][2]],
-        [0.0, 0.0, s[1][1] - s[0][0] - s[2][2], s[1][2] + s[2][1]],
-        [0.0, 0.0, 0.0, s[2][2] - s[0][0] - s[1][1]],
-    ];
-    let n = Mat::from_fn(4, 4, |i, j| n[i.min(j)][i.max(j)]);
-    let eigen = n.self_adjoint_eigen(Side::Lower).unwrap();
-    let [w, x, y, z] = [0, 1, 2, 3].map(|i| eigen.U()[(i, 3)]);
-    let r = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ];
-    let mut sum = 0.0;
-    for (p, q) in moving.iter().zip(fixed) {
-        for i in 0..3 {
-            let turned: f64 = (0..3).map(|j| r[i][j] * (f64::from(p[j]) - a[j])).sum();
-            sum += (turned - (f64::from(q[i]) - b[i])).powi(2);
-        }
-    }
-    (sum / moving.len() as f64).sqrt()
-}
-
-#[test]
-fn alignment_removes_a_rigid_motion_and_nothing_else() {
-    let points: Vec<[f32; 3]> =
-        (0..50).map(|k| [0.3, 1.7, 2.9].map(|f| 40.0 * (f * k as f32).sin())).collect();
-    let pose = onescan_core::scene::Pose {
-        scale: 1.0,
-        translation: [3.0, -20.0, 7.0],
-        roll: 0.4,
-        yaw: -1.0,
-        pitch: 0.2,
-    };
-    let moved: Vec<_> = points.iter().map(|&p| pose.to_world(p)).collect();
-    assert!(distance_after_alignment(&points, &moved) < 1e-4);
-    let mut bent = moved;
-    bent[7][1] += 5.0;
-    assert!(distance_after_alignment(&points, &bent) > 0.5);
+    let motion = Rigid::between(moving, fixed).unwrap();
+    let moved: Vec<_> = moving.iter().map(|&p| motion.apply(p)).collect();
+    rms(moved.as_flattened().iter().zip(fixed.as_flattened()), 3)
 }
 
 /// Averages over one yaw group.

@@ -96,7 +96,7 @@ impl Build {
             Mirror::Z => Some(Axis::Z),
             Mirror::None => None,
             Mirror::Find => {
-                let found = symmetry::find(&scan.points).map_err(|e| Error::file(&self.scan, e))?;
+                let found = symmetry::find(&scan).map_err(|e| Error::file(&self.scan, e))?;
                 console.say(format_args!(
                     "plane of symmetry: {}, off by {:.3} mm (root mean square)",
                     found.plane,

@@ -3,17 +3,22 @@
 mod bench;
 mod build;
 mod demo;
+mod evaluate;
 mod experiment;
 mod export;
 mod fit;
 mod info;
+mod model;
+mod modes;
 mod render;
 mod sample;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
+use onescan::mesh::Mesh;
+use onescan::ply;
 use onescan::progress::Console;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// 3D morphable models from a single 3D scan.
 ///
@@ -52,12 +57,34 @@ enum Command {
     Info(info::Info),
     /// Draw random instances of a model: meshes, and a sheet of pictures.
     Sample(sample::Sample),
+    /// Show what the leading components of a model do: the mean and three deviations to each side.
+    ///
+    /// Writes modes.png, a row for each component: shape at −3 standard deviations, the mean, shape
+    /// at +3, and the same of the albedo. Each picture is beside it as a mesh, such as
+    /// `shape_1_plus.ply`, the mean as mean.ply.
+    Modes(modes::Modes),
+    /// Make models of models: project, condition, cut out, sum up, learn from meshes.
+    ///
+    /// Every operation but `project` writes a model: components orthonormal, leading ones first.
+    ///
+    /// (Fewer components: `onescan export --shape-rank`.)
+    #[command(subcommand)]
+    Model(model::Model),
+    /// Measure compactness, generalization and specificity of a model.
+    ///
+    /// By number of components (1, 2, 5, 10, 20, 50, 100, all), of shape and of albedo: the
+    /// variance they hold (compactness), how near the model comes to meshes it has not seen
+    /// (generalization), how near its random instances are to such meshes (specificity); all are
+    /// better if less. Writes metrics.json and report.html. The meshes need the model's topology.
+    Evaluate(evaluate::Evaluate),
+    /// Repeat an experiment of the paper on this project's faces.
+    ///
+    /// Each writes a report, its numbers, and a table.
+    Experiment(experiment::Experiment),
     /// Render the mean, or a fit, from any side.
     Render(render::Render),
     /// Fit a model to a photo with landmarks.
     Fit(fit::Fit),
-    /// Run one of the paper's experiments: pictures and tables of models.
-    Experiment(experiment::Experiment),
     /// Measure steps per second on this machine, stage by stage, beside its memory bandwidth.
     Bench(bench::Bench),
 }
@@ -73,9 +100,12 @@ impl Arguments {
             Some(Command::Export(command)) => command.run(console),
             Some(Command::Info(command)) => command.run(),
             Some(Command::Sample(command)) => command.run(console),
+            Some(Command::Modes(command)) => command.run(console),
+            Some(Command::Model(command)) => command.run(console),
+            Some(Command::Evaluate(command)) => command.run(console),
+            Some(Command::Experiment(command)) => command.run(console),
             Some(Command::Render(command)) => command.run(console),
             Some(Command::Fit(command)) => command.run(console),
-            Some(Command::Experiment(command)) => command.run(console),
             Some(Command::Bench(command)) => command.run(console),
         }
     }
@@ -105,6 +135,37 @@ fn output_file(path: &Path) -> Result<()> {
     tempfile::tempfile_in(directory).map(drop).map_err(|e| {
         Error::file(path, format_args!("cannot write: {e}; give -o in a writable directory"))
     })
+}
+
+/// Parses a finite number above 0.
+fn positive(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("expected a number above 0".into()),
+    }
+}
+
+/// The meshes of files and directories (their `.ply` files by name), with their paths.
+fn meshes(places: &[PathBuf]) -> Result<Vec<(PathBuf, Mesh)>> {
+    let mut paths = Vec::new();
+    for place in places {
+        if !place.is_dir() {
+            paths.push(place.clone());
+            continue;
+        }
+        let before = paths.len();
+        for entry in std::fs::read_dir(place).map_err(|e| Error::file(place, e))? {
+            let path = entry.map_err(|e| Error::file(place, e))?.path();
+            if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ply")) {
+                paths.push(path);
+            }
+        }
+        if paths.len() == before {
+            return Err(Error::file(place, "has no .ply files; give meshes, or their directory"));
+        }
+        paths[before..].sort();
+    }
+    paths.into_iter().map(|path| ply::read(&path).map(|mesh| (path, mesh))).collect()
 }
 
 /// Parses `WxH`.

@@ -1,3 +1,11 @@
-//! The paper's experiments that need no photos: tables and pictures of models.
+//! The paper's experiments, on this project's own faces.
+//!
+//! | room | experiment |
+//! |---|---|
+//! | [`kernels`] | samples of the ten kernels |
+//! | [`compactness`] | one-scan models beside a model of 60 people: how compact, general, specific |
+//! | [`faces`] | the faces they are made on |
 
+pub mod compactness;
+pub mod faces;
 pub mod kernels;

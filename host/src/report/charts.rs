@@ -27,7 +27,13 @@ impl Axes {
     }
 
     /// Opening tag, grid lines, tick labels and axis titles.
-    fn frame(&self, description: &str, x_title: &str, x_ticks: &[f64], y_ticks: &[f64]) -> String {
+    fn frame(
+        &self,
+        description: &str,
+        x_title: &str,
+        x_ticks: &[(f64, String)],
+        y_ticks: &[f64],
+    ) -> String {
         let mut svg = format!(
             "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
             Escaped(description)
@@ -35,7 +41,7 @@ impl Axes {
         let (left, right) = (MARGIN[0], WIDTH - MARGIN[2]);
         let bottom = HEIGHT - MARGIN[3];
         let step = y_ticks.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::MAX, f64::min);
-        let decimals = usize::from(step < 1.0) + usize::from(step < 0.1);
+        let decimals = [1.0, 0.1, 0.01, 0.001].iter().filter(|&&unit| step < unit).count();
         for &tick in y_ticks {
             let y = self.py(tick);
             put(
@@ -49,8 +55,8 @@ impl Axes {
                 ),
             );
         }
-        for &tick in x_ticks {
-            let x = self.px(tick);
+        for (tick, label) in x_ticks {
+            let x = self.px(*tick);
             put(
                 &mut svg,
                 format_args!(
@@ -58,7 +64,7 @@ impl Axes {
                      <text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
                     bottom + 4.0,
                     bottom + 17.0,
-                    number(tick, 0)
+                    Escaped(label)
                 ),
             );
         }
@@ -92,7 +98,7 @@ pub(super) fn line(description: &str, x_title: &str, points: &[(f64, f64)]) -> O
     let high = best.1.max(low + 1e-6 * low.abs().max(1.0));
     let pad = 0.06 * (high - low);
     let axes = Axes { x: (first, last), y: (low - pad, high + pad) };
-    let mut svg = axes.frame(description, x_title, &ticks(axes.x), &ticks(axes.y));
+    let mut svg = axes.frame(description, x_title, &labelled(&ticks(axes.x)), &ticks(axes.y));
     let (width, height) = (WIDTH - MARGIN[0] - MARGIN[2], HEIGHT - MARGIN[1] - MARGIN[3]);
     // A nested picture cuts off what leaves it.
     put(
@@ -127,7 +133,7 @@ pub(super) fn bars(description: &str, x_title: &str, values: &[f32]) -> Option<S
     let reach = values.iter().fold(3.0, |reach, v| f64::from(v.abs()).ceil().max(reach));
     let axes = Axes { x: (0.5, values.len() as f64 + 0.5), y: (-reach, reach) };
     let numbers: Vec<f64> = ticks(axes.x).into_iter().filter(|&t| t >= 1.0).collect();
-    let mut svg = axes.frame(description, x_title, &numbers, &ticks(axes.y));
+    let mut svg = axes.frame(description, x_title, &labelled(&numbers), &ticks(axes.y));
     let width = (axes.px(2.0) - axes.px(1.0)) * 0.72;
     for (i, &value) in values.iter().enumerate() {
         let (a, b) = (axes.py(0.0), axes.py(f64::from(value)));
@@ -151,6 +157,75 @@ pub(super) fn bars(description: &str, x_title: &str, values: &[f32]) -> Option<S
         ),
     );
     Some(svg)
+}
+
+/// One of several lines of a chart.
+pub(super) struct Series {
+    /// `(x, y, half the height of the error bar)`, x rising and positive.
+    pub(super) points: Vec<(f64, f64, f64)>,
+    /// Its colour: of the style sheet's `.series-N`.
+    pub(super) color: usize,
+}
+
+/// Lines with dots and error bars over a logarithmic x axis with labels at `numbers`; the y axis
+/// begins at 0. `level` is drawn as a dashed line across. `None` with fewer than two numbers, or
+/// without a positive value.
+pub(super) fn curves(
+    description: &str,
+    x_title: &str,
+    numbers: &[usize],
+    series: &[Series],
+    level: Option<f64>,
+) -> Option<String> {
+    let (first, last) = (*numbers.first()? as f64, *numbers.last()? as f64);
+    let values = series.iter().flat_map(|s| &s.points).map(|&(_, y, error)| y + error);
+    let high = values.chain(level).fold(0.0, f64::max);
+    if !(first < last && high > 0.0 && high.is_finite()) {
+        return None;
+    }
+    let room = 0.03 * (last.ln() - first.ln());
+    let axes = Axes { x: (first.ln() - room, last.ln() + room), y: (0.0, 1.05 * high) };
+    let x_ticks: Vec<_> = numbers.iter().map(|&m| ((m as f64).ln(), m.to_string())).collect();
+    let mut svg = axes.frame(description, x_title, &x_ticks, &ticks(axes.y));
+    if let Some(level) = level {
+        put(
+            &mut svg,
+            format_args!(
+                "<line class=\"level\" x1=\"{}\" x2=\"{}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>",
+                MARGIN[0],
+                WIDTH - MARGIN[2],
+                y = axes.py(level)
+            ),
+        );
+    }
+    for Series { points, color } in series {
+        put(&mut svg, format_args!("<g class=\"series-{color}\"><polyline points=\""));
+        for (x, y, _) in points {
+            put(&mut svg, format_args!("{:.1},{:.1} ", axes.px(x.ln()), axes.py(*y)));
+        }
+        put(&mut svg, format_args!("\"/>"));
+        for (x, y, error) in points {
+            let x = axes.px(x.ln());
+            put(
+                &mut svg,
+                format_args!(
+                    "<line x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{:.1}\" y2=\"{:.1}\"/>\
+                     <circle cx=\"{x:.1}\" cy=\"{:.1}\" r=\"2.5\"/>",
+                    axes.py((y - error).max(0.0)),
+                    axes.py(y + error),
+                    axes.py(*y)
+                ),
+            );
+        }
+        put(&mut svg, format_args!("</g>"));
+    }
+    put(&mut svg, format_args!("</svg>"));
+    Some(svg)
+}
+
+/// Whole numbers as labels.
+fn labelled(ticks: &[f64]) -> Vec<(f64, String)> {
+    ticks.iter().map(|&tick| (tick, number(tick, 0))).collect()
 }
 
 /// Three to six round numbers (1, 2 or 5 times a power of ten apart) within a range.
@@ -197,6 +272,21 @@ mod tests {
         points[0].1 = -1e9;
         let svg = line("trace", "step", &points).unwrap();
         assert!(svg.contains(">100</text>") && !svg.contains("000"), "{svg}");
+    }
+
+    #[test]
+    fn curves_are_spaced_by_factors_and_begin_at_zero() {
+        let points = vec![(1.0, 2.0, 0.0), (10.0, 1.0, 0.5), (100.0, 0.5, 0.0)];
+        let lines = [Series { points, color: 3 }];
+        let svg = curves("error", "components", &[1, 10, 100], &lines, Some(2.5)).unwrap();
+        let at = svg.split("points=\"").nth(1).unwrap().split('"').next().unwrap();
+        let x: Vec<f64> =
+            at.split_whitespace().map(|p| p.split(',').next().unwrap().parse().unwrap()).collect();
+        assert!((x[1] - x[0] - (x[2] - x[1])).abs() < 0.2, "{x:?}");
+        assert!(svg.contains(">0</text>") && svg.contains(">100</text>"), "{svg}");
+        assert!(svg.contains("class=\"series-3\"") && svg.contains("class=\"level\""));
+        assert!(curves("", "", &[1], &lines, None).is_none());
+        assert!(curves("", "", &[1, 2], &[], None).is_none());
     }
 
     #[test]

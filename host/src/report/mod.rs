@@ -1,8 +1,13 @@
 //! `report.html`: one self-contained page that shows a fit, or a whole demo, to a stranger.
 
 mod charts;
+#[cfg(feature = "full")]
+mod measures;
 mod tables;
 mod words;
+
+#[cfg(feature = "full")]
+pub use measures::{measures_report, measures_table};
 
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;
@@ -108,9 +113,9 @@ impl Figure {
 #[cfg(feature = "full")]
 pub fn essay(title: &str, lead: &str, body: &str) -> Result<String> {
     let mut html = String::new();
-    begin(&mut html, title, lead)
+    head(&mut html, title, lead)
         .and_then(|()| html.write_str(body))
-        .and_then(|()| end(&mut html))
+        .and_then(|()| foot(&mut html))
         .map_err(Error::new)?;
     Ok(html)
 }
@@ -240,7 +245,7 @@ impl Page<'_> {
     }
 
     fn write(&self, f: &mut impl Write) -> fmt::Result {
-        begin(f, &self.title, self.lead)?;
+        head(f, &self.title, self.lead)?;
         if let Some(samples) = &self.samples {
             f.write_str("<section>\n<h2>The model</h2>\n")?;
             samples.write(f)?;
@@ -259,11 +264,12 @@ impl Page<'_> {
         }
         facts(f, &provenance_facts(self.provenance))?;
         f.write_str("</section>\n")?;
-        end(f)
+        foot(f)
     }
 }
 
-fn begin(f: &mut impl Write, title: &str, lead: &str) -> fmt::Result {
+/// A page up to its first section.
+fn head(f: &mut impl Write, title: &str, lead: &str) -> fmt::Result {
     write!(
         f,
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -271,18 +277,19 @@ fn begin(f: &mut impl Write, title: &str, lead: &str) -> fmt::Result {
          <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n\
          <header><p class=\"kicker\">onescan {version}</p>\n<h1>{title}</h1>\n\
          <p class=\"lead\">{lead}</p></header>\n<main>\n",
-        version = env!("CARGO_PKG_VERSION"),
         title = Escaped(title),
         style = include_str!("style.css"),
+        version = env!("CARGO_PKG_VERSION"),
         lead = Escaped(lead),
     )
 }
 
-fn end(f: &mut impl Write) -> fmt::Result {
+/// A page after its last section.
+fn foot(f: &mut impl Write) -> fmt::Result {
     write!(
         f,
-        "</main>\n<footer><p class=\"note\">Made by onescan {}. This page needs no other file and \
-         asks no server for anything.</p></footer>\n</body>\n</html>\n",
+        "</main>\n<footer><p class=\"note\">Made by onescan {}. This page \
+         needs no other file and asks no server for anything.</p></footer>\n</body>\n</html>\n",
         env!("CARGO_PKG_VERSION")
     )
 }

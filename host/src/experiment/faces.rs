@@ -1,4 +1,5 @@
-//! Reads the packed identities and scan truths of `fixtures/face`.
+//! The faces of `fixtures/face` as meshes on the template's topology: 60 identities, and the true
+//! surfaces of ten scans of other people. Both are packed.
 //!
 //! Layout, all bytes being one zlib stream of planes, each of N·3·V bytes ordered by face, axis,
 //! and place in the walk over the template (N faces, V vertices):
@@ -18,10 +19,15 @@
 //!
 //! `fixtures/encode_identities.py` writes it.
 
+use crate::demo;
+use crate::error::{Error, Result};
+use crate::mesh::Mesh;
+use crate::ply;
+use crate::rigid::Rigid;
+use crate::surface::Surface;
+use flate2::read::ZlibDecoder;
 use std::io::Read as _;
 use std::path::Path;
-
-use flate2::read::ZlibDecoder;
 
 /// A face on the template's topology: vertex order and triangles as in `face/template.ply`.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,16 +39,24 @@ pub struct Identity {
     pub colors: Vec<[f32; 3]>,
 }
 
-/// The 60 identities of `face/identities.bin`. They hold other people than the ten scans.
+impl Identity {
+    /// The face as a mesh.
+    fn mesh(self, triangles: &[[u32; 3]]) -> Mesh {
+        Mesh { points: self.points, colors: self.colors, triangles: triangles.to_vec() }
+    }
+}
+
+/// The 60 identities of `face/identities.bin` in the directory of fixtures. They hold other people
+/// than the ten scans.
 ///
-/// # Panics
-/// Where a file cannot be read or is not whole: a fixture is broken, and no test can go on.
-pub fn identities(fixtures_dir: &Path) -> Vec<Identity> {
-    let template = Template::read(&fixtures_dir.join("face/template.ply"));
-    let path = fixtures_dir.join("face/identities.bin");
-    let planes: [Vec<u8>; 3] = inflate(&path, &template);
+/// # Errors
+/// A file that cannot be read or is not whole.
+pub fn identities(fixtures: &Path) -> Result<Vec<Identity>> {
+    let template = Template::new()?;
+    let path = fixtures.join("face/identities.bin");
+    let planes: [Vec<u8>; 3] = inflate(&path, &template)?;
     let field = template.points.len();
-    (0..planes[0].len())
+    Ok((0..planes[0].len())
         .step_by(field)
         .map(|at| {
             let color: Vec<u16> = planes[2][at..][..field].iter().map(|&z| z.into()).collect();
@@ -51,37 +65,78 @@ pub fn identities(fixtures_dir: &Path) -> Vec<Identity> {
                 colors: triples(&template.restore(&color, &template.colors), 255.0),
             }
         })
-        .collect()
+        .collect())
+}
+
+/// [`identities`] as meshes.
+///
+/// # Errors
+/// See [`identities`].
+pub fn identity_meshes(fixtures: &Path) -> Result<Vec<Mesh>> {
+    let (template, _) = demo::template()?;
+    Ok(identities(fixtures)?.into_iter().map(|face| face.mesh(&template.triangles)).collect())
 }
 
 /// What the ten scans `face/scans/scan_NN.ply` would be without noise, holes and a topology of
 /// their own: the positions of the template's vertices in the scan's place, in millimetres,
 /// rounded to 0.005 mm. Element NN belongs to scan NN.
 ///
-/// # Panics
-/// As [`identities`].
-pub fn scan_truths(fixtures_dir: &Path) -> Vec<Vec<[f32; 3]>> {
-    let template = Template::read(&fixtures_dir.join("face/template.ply"));
-    let planes: [Vec<u8>; 2] = inflate(&fixtures_dir.join("face/scans/truths.bin"), &template);
-    (0..planes[0].len())
+/// # Errors
+/// A file that cannot be read or is not whole.
+pub fn scan_truths(fixtures: &Path) -> Result<Vec<Vec<[f32; 3]>>> {
+    let template = Template::new()?;
+    let planes: [Vec<u8>; 2] = inflate(&fixtures.join("face/scans/truths.bin"), &template)?;
+    Ok((0..planes[0].len())
         .step_by(template.points.len())
         .map(|at| template.points(&planes[0][at..], &planes[1][at..]))
+        .collect())
+}
+
+/// The people of the ten scans on the template's topology and in its place (rigidly aligned, not
+/// scaled). Positions are the true ones; a colour is that of the scan's nearest point, which in a
+/// hole is on its rim.
+///
+/// # Errors
+/// See [`scan_truths`] and [`ply::read`].
+pub fn scan_meshes(fixtures: &Path) -> Result<Vec<Mesh>> {
+    let (template, _) = demo::template()?;
+    scan_truths(fixtures)?
+        .into_iter()
+        .enumerate()
+        .map(|(number, truth)| {
+            let path = fixtures.join(format!("face/scans/scan_{number:02}.ply"));
+            let scan = ply::read(&path)?;
+            let surface = Surface::new(&scan);
+            let nearest = |p: &[f32; 3]| surface.nearest(p.map(f64::from));
+            let colors = truth.iter().map(|p| nearest(p).interpolate(&scan.colors)).collect();
+            let home = Rigid::between(&truth, &template.points)
+                .ok_or_else(|| Error::file(&path, "its true surface cannot be aligned"))?;
+            Ok(Mesh {
+                points: truth.iter().map(|&p| home.apply(p)).collect(),
+                colors,
+                triangles: template.triangles.clone(),
+            })
+        })
         .collect()
 }
 
 /// The N planes of a packed file, each a whole number of fields of the template's size.
-fn inflate<const N: usize>(path: &Path, template: &Template) -> [Vec<u8>; N] {
+fn inflate<const N: usize>(path: &Path, template: &Template) -> Result<[Vec<u8>; N]> {
+    let packed = std::fs::read(path).map_err(|e| {
+        Error::file(path, format_args!("{e}; give --fixtures, the directory of that name"))
+    })?;
     let mut bytes = Vec::new();
-    ZlibDecoder::new(&read(path)[..])
+    ZlibDecoder::new(&packed[..])
         .read_to_end(&mut bytes)
-        .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        .map_err(|e| Error::file(path, format_args!("{e}; the file is damaged")))?;
     let (length, step) = (bytes.len(), N * template.points.len());
-    assert!(
-        length.is_multiple_of(step),
-        "{}: inflates to {length} bytes, expected a multiple of {step}",
-        path.display()
-    );
-    std::array::from_fn(|k| bytes[k * length / N..][..length / N].to_vec())
+    if !length.is_multiple_of(step) {
+        return Err(Error::file(
+            path,
+            format_args!("inflates to {length} bytes, expected a multiple of {step}"),
+        ));
+    }
+    Ok(std::array::from_fn(|k| bytes[k * length / N..][..length / N].to_vec()))
 }
 
 /// What the residuals are relative to.
@@ -95,46 +150,19 @@ struct Template {
 }
 
 impl Template {
-    /// Reads only the one form of PLY that `template.ply` has (f32 x y z, u8 red green blue;
-    /// u8 count, i32 indices; little-endian), so that tests of the project's own reader may
-    /// use these faces.
-    fn read(path: &Path) -> Self {
-        const END: &[u8] = b"end_header\n";
-        let data = read(path);
-        let name = path.display();
-        let end = data
-            .windows(END.len())
-            .position(|window| window == END)
-            .unwrap_or_else(|| panic!("{name}: no end_header"));
-        let header = String::from_utf8_lossy(&data[..end]);
-        let count = |element: &str| -> usize {
-            let line = header.lines().find_map(|line| line.strip_prefix(element));
-            line.and_then(|count| count.trim().parse().ok())
-                .unwrap_or_else(|| panic!("{name}: no count in a header line {element:?}"))
-        };
-        let (vertices, faces) = (count("element vertex"), count("element face"));
-        let body = &data[end + END.len()..];
-        let (found, expected) = (body.len(), 15 * vertices + 13 * faces);
-        assert_eq!(found, expected, "{name}: bytes after the header");
-
-        let (vertex_rows, face_rows) = body.split_at(15 * vertices);
-        let mut points = Vec::with_capacity(3 * vertices);
-        let mut colors = Vec::with_capacity(3 * vertices);
-        for row in vertex_rows.chunks_exact(15) {
-            for bytes in row[..12].as_chunks().0 {
-                points.push((200.0 * f64::from(f32::from_le_bytes(*bytes)) + 0.5).floor() as i32);
-            }
-            colors.extend(row[12..].iter().map(|&byte| i32::from(byte)));
-        }
-        let mut near = vec![Vec::new(); vertices];
-        for row in face_rows.chunks_exact(13) {
-            let corners = row[1..].as_chunks().0.iter().map(|&bytes| u32::from_le_bytes(bytes));
-            let corners: Vec<usize> = corners.map(|corner| corner as usize).collect();
+    fn new() -> Result<Self> {
+        let (mesh, _) = demo::template()?;
+        let coordinates = mesh.points.as_flattened().iter();
+        let points = coordinates.map(|&p| (200.0 * f64::from(p) + 0.5).floor() as i32).collect();
+        let bytes = mesh.colors.as_flattened().iter().map(|c| (255.0 * c).round() as i32);
+        let mut near = vec![Vec::new(); mesh.points.len()];
+        for triangle in &mesh.triangles {
+            let corners = triangle.map(|corner| corner as usize);
             for (k, &corner) in corners.iter().enumerate() {
                 near[corner].extend([corners[(k + 1) % 3], corners[(k + 2) % 3]]);
             }
         }
-        Self { points, colors, walk: walk(near) }
+        Ok(Self { points, colors: bytes.collect(), walk: walk(near) })
     }
 
     /// One face's positions from its low and high bytes, which begin the slices.
@@ -196,6 +224,33 @@ fn triples(q: &[i32], unit: f32) -> Vec<[f32; 3]> {
     q.as_chunks().0.iter().map(|triple: &[i32; 3]| triple.map(|q| q as f32 / unit)).collect()
 }
 
-fn read(path: &Path) -> Vec<u8> {
-    std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scans_come_home_and_keep_their_colours() {
+        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures");
+        let (template, _) = demo::template().unwrap();
+        let [scans, faces] =
+            [scan_meshes(&fixtures), identity_meshes(&fixtures)].map(Result::unwrap);
+        assert_eq!((scans.len(), faces.len()), (10, 60));
+        for mesh in scans.iter().chain(&faces) {
+            let far = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+                let pairs = a.as_flattened().iter().zip(b.as_flattened());
+                let squares: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+                (squares / a.len() as f64).sqrt()
+            };
+            let (shape, color) =
+                (far(&mesh.points, &template.points), far(&mesh.colors, &template.colors));
+            assert!(shape > 1.0 && shape < 9.0, "{shape} mm from the template");
+            assert!(color > 0.02 && color < 0.9, "{color} from the template's colours");
+        }
+    }
+
+    #[test]
+    fn a_missing_fixture_is_named() {
+        let error = identities(Path::new("/nowhere")).unwrap_err().to_string();
+        assert!(error.starts_with("/nowhere/face/identities.bin: "), "{error}");
+    }
 }

@@ -1,0 +1,362 @@
+//! `onescan model`.
+
+use super::{file_name, meshes, output_file, positive};
+use clap::{Args, Subcommand};
+use onescan::error::{Error, Result};
+use onescan::files::write_atomically;
+use onescan::landmarks::{self, Position};
+use onescan::model_file::OwnedModel;
+use onescan::morphable::{Morphable, Process};
+use onescan::operate::posterior::Observation;
+use onescan::operate::with_line;
+use onescan::ply::{self, Encoding};
+use onescan::progress::Console;
+use serde_json::json;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+#[derive(Subcommand)]
+pub(super) enum Model {
+    /// Find the mesh of a model that explains a mesh of its topology best.
+    ///
+    /// The posterior mean of the coefficients, `c = (QᵀQ + σ²I)⁻¹ Qᵀ(s − m)`, and its mesh.
+    Project(Project),
+    /// Condition a model on known landmarks, or on a mesh of which a part is known.
+    ///
+    /// Gaussian-process regression: the mean moves to what is known, and what is near it varies
+    /// less. Positions are a JSON array of {"id", "coordinates": [x, y, z], "uncertainty"?:
+    /// {"stddevs": [3], "pcvectors": [[3], [3], [3]]}}, millimetres, ids as in `onescan info`.
+    Posterior(Posterior),
+    /// Cut out a region.
+    ///
+    /// The marginal: instances of the region's model are the region of the model's instances.
+    Region(Region),
+    /// Give a model another mean, a mesh of its topology.
+    ///
+    /// Deviations stay as they are.
+    Recentre(Recentre),
+    /// Add the deviations of a second model on the same mesh.
+    ///
+    /// Covariances add, mean and landmarks are the first model's. So a model learnt from few scans
+    /// gets the flexibility of one scan's kernels: build the second model on the first one's mean.
+    Augment(Augment),
+    /// Learn a model from registered meshes: mean and principal components.
+    ///
+    /// Sample covariance, 1/(n − 1), of shape and of albedo; at most one component fewer than
+    /// meshes.
+    Pca(Pca),
+}
+
+#[derive(Args)]
+pub(super) struct Project {
+    /// The model, .3dmm.
+    model: PathBuf,
+    /// The mesh, PLY, of the model's topology and in its place.
+    mesh: PathBuf,
+    /// The mesh to write, .ply.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Write the coefficients as well, .json.
+    #[arg(long)]
+    coefficients: Option<PathBuf>,
+    /// Standard deviation of the mesh's numbers, mm and RGB [default: 0.003].
+    #[arg(long, value_parser = positive)]
+    noise: Option<f64>,
+}
+
+#[derive(Args)]
+#[command(group = clap::ArgGroup::new("known").required(true).multiple(true).args(["landmarks", "mesh"]))]
+pub(super) struct Posterior {
+    /// The model, .3dmm.
+    model: PathBuf,
+    /// The model to write, .3dmm.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Where landmarks are, JSON.
+    #[arg(long)]
+    landmarks: Option<PathBuf>,
+    /// A mesh of the model's topology, PLY; with --around or --mask only that part of it is known.
+    #[arg(long)]
+    mesh: Option<PathBuf>,
+    #[command(flatten)]
+    part: Part,
+    /// Standard deviation of a position, mm, where its file does not say.
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    noise: f64,
+    /// Standard deviation of a mesh's colour.
+    #[arg(long, default_value_t = 0.05, value_parser = positive)]
+    color_noise: f64,
+}
+
+/// A part of the surface.
+#[derive(Args)]
+struct Part {
+    /// Vertices near this landmark; may be repeated.
+    #[arg(long, value_name = "LANDMARK", conflicts_with = "mask")]
+    around: Vec<String>,
+    /// How near, mm.
+    #[arg(long, default_value_t = 30.0, value_parser = positive)]
+    radius: f64,
+    /// A text file with a line for each vertex, 1 if it belongs to the part, 0 if not.
+    #[arg(long)]
+    mask: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub(super) struct Region {
+    /// The model, .3dmm.
+    model: PathBuf,
+    /// The model to write, .3dmm.
+    #[arg(short, long)]
+    output: PathBuf,
+    #[command(flatten)]
+    part: Part,
+}
+
+#[derive(Args)]
+pub(super) struct Recentre {
+    /// The model, .3dmm.
+    model: PathBuf,
+    /// The mesh, PLY.
+    mesh: PathBuf,
+    /// The model to write, .3dmm.
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+#[derive(Args)]
+pub(super) struct Augment {
+    /// The model whose mean stays, .3dmm.
+    model: PathBuf,
+    /// The model that lends its deviations, .3dmm.
+    by: PathBuf,
+    /// The model to write, .3dmm.
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+#[derive(Args)]
+pub(super) struct Pca {
+    /// Meshes, PLY, or directories of them: same vertices in the same order, aligned.
+    #[arg(required = true)]
+    meshes: Vec<PathBuf>,
+    /// The model to write, .3dmm.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Landmarks of the first mesh, JSON.
+    #[arg(long)]
+    landmarks: Option<PathBuf>,
+}
+
+impl Model {
+    pub(super) fn run(self, console: Console) -> Result<()> {
+        match self {
+            Self::Project(command) => command.run(console),
+            Self::Posterior(command) => command.run(console),
+            Self::Region(command) => command.run(console),
+            Self::Recentre(command) => command.run(console),
+            Self::Augment(command) => command.run(console),
+            Self::Pca(command) => command.run(console),
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<Morphable> {
+    Ok(Morphable::of(&OwnedModel::read(path)?.view()))
+}
+
+/// Writes a model and says what it holds.
+fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
+    model.to_model(i16::MAX)?.write(path)?;
+    let variance = |process: &Process| process.held_variance() / process.vertices() as f64;
+    console.say(format_args!(
+        "{} vertices; shape: {} components, {:.3} mm² per vertex; albedo: {} components, {:.5}",
+        model.shape.vertices(),
+        model.shape.rank(),
+        variance(&model.shape),
+        model.albedo.rank(),
+        variance(&model.albedo)
+    ));
+    console.say(format_args!("wrote {}", path.display()));
+    Ok(())
+}
+
+impl Project {
+    fn run(self, console: Console) -> Result<()> {
+        output_file(&self.output)?;
+        self.coefficients.as_deref().map_or(Ok(()), output_file)?;
+        let (model, mesh) = (read(&self.model)?, ply::read(&self.mesh)?);
+        let variance = self.noise.map(|deviation| deviation * deviation);
+        let [shape, albedo] =
+            model.project(&mesh, variance).map_err(|e| Error::file(&self.mesh, e))?;
+        let found = model.instance(&shape, &albedo);
+        write_atomically(&self.output, |out| ply::write(out, &found, Encoding::default()))?;
+        if let Some(path) = &self.coefficients {
+            let text = format!("{:#}\n", json!({ "shape": shape, "albedo": albedo }));
+            write_atomically(path, |out| out.write_all(text.as_bytes()))?;
+        }
+        let rms = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+            let pairs = a.as_flattened().iter().zip(b.as_flattened());
+            let sum: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+            (sum / a.len().max(1) as f64).sqrt()
+        };
+        console.say(format_args!(
+            "off by {:.3} mm and {:.4} of RGB per vertex (root mean square)",
+            rms(&found.points, &mesh.points),
+            rms(&found.colors, &mesh.colors)
+        ));
+        console.say(format_args!("wrote {}", self.output.display()));
+        Ok(())
+    }
+}
+
+impl Part {
+    fn is_whole(&self) -> bool {
+        self.around.is_empty() && self.mask.is_none()
+    }
+
+    /// Which vertices belong to it.
+    fn of(&self, model: &Morphable) -> Result<Vec<bool>> {
+        let vertices = model.shape.vertices();
+        let Some(path) = &self.mask else {
+            return if self.around.is_empty() {
+                Ok(vec![true; vertices])
+            } else {
+                model.around(&self.around, self.radius)
+            };
+        };
+        let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+        let mask = text
+            .split_whitespace()
+            .enumerate()
+            .map(|(i, word)| match word {
+                "0" => Ok(false),
+                "1" => Ok(true),
+                other => {
+                    let shown: String = other.chars().take(20).collect();
+                    let what = format_args!("line {}: {shown:?}, expected 0 or 1", i + 1);
+                    Err(Error::file(path, what))
+                }
+            })
+            .collect::<Result<Vec<bool>>>()?;
+        if mask.len() == vertices {
+            return Ok(mask);
+        }
+        Err(Error::file(
+            path,
+            format_args!("has {} lines, the model {vertices} vertices; give one each", mask.len()),
+        ))
+    }
+}
+
+impl Posterior {
+    fn run(self, console: Console) -> Result<()> {
+        output_file(&self.output)?;
+        let model = read(&self.model)?;
+        let (mut shape, mut albedo) = (Vec::new(), Vec::new());
+        let mut sources = Vec::new();
+        if let Some(path) = &self.landmarks {
+            let positions = landmarks::read_positions(path)?;
+            for position in &positions {
+                shape.push(self.observation(&model, position).map_err(|e| Error::file(path, e))?);
+            }
+            sources.push(format!("{} landmarks", positions.len()));
+        }
+        if let Some(path) = &self.mesh {
+            let mesh = ply::read(path)?;
+            // Says if the topology differs.
+            model.about(&mesh).map_err(|e| Error::file(path, e))?;
+            let part = self.part.of(&model)?;
+            let known: Vec<usize> = (0..part.len()).filter(|&v| part[v]).collect();
+            let observe = |field: &[[f32; 3]], deviation: f64| {
+                let at = |&v: &usize| {
+                    Observation::isotropic(v as u32, field[v].map(f64::from), deviation)
+                };
+                known.iter().map(at).collect::<Vec<_>>()
+            };
+            shape.extend(observe(&mesh.points, self.noise));
+            albedo.extend(observe(&mesh.colors, self.color_noise));
+            sources.push(format!("{} vertices of {}", known.len(), file_name(path)));
+        } else if !self.part.is_whole() {
+            return Err(Error::new("--around and --mask choose a part of --mesh; give that too"));
+        }
+        let mut posterior = model.posterior(&shape, &albedo)?;
+        posterior.provenance =
+            with_line(&posterior.provenance, "posterior_of", &sources.join(", "));
+        write(console, &self.output, &posterior)
+    }
+
+    fn observation(&self, model: &Morphable, position: &Position) -> Result<Observation> {
+        let landmark = model.landmarks.iter().find(|l| l.name == position.name);
+        let vertex = landmark.ok_or_else(|| model.no_landmark(&position.name))?.vertex;
+        let usual = Observation::isotropic(vertex, position.at, self.noise);
+        let covariance = position.covariance.unwrap_or(usual.covariance);
+        Ok(Observation { covariance, ..usual })
+    }
+}
+
+impl Region {
+    fn run(self, console: Console) -> Result<()> {
+        output_file(&self.output)?;
+        if self.part.is_whole() {
+            return Err(Error::new("which region? give --around LANDMARK or --mask FILE"));
+        }
+        let model = read(&self.model)?;
+        let part = self.part.of(&model)?;
+        let mut region = model.region(|v| part[v as usize])?.orthonormal()?;
+        let from = format!("{} of {} vertices", region.shape.vertices(), part.len());
+        region.provenance = with_line(&region.provenance, "region_of", &from);
+        write(console, &self.output, &region)
+    }
+}
+
+impl Recentre {
+    fn run(self, console: Console) -> Result<()> {
+        output_file(&self.output)?;
+        let (model, mesh) = (read(&self.model)?, ply::read(&self.mesh)?);
+        let mut moved = model.about(&mesh).map_err(|e| Error::file(&self.mesh, e))?;
+        moved.provenance = with_line(&moved.provenance, "mean", &file_name(&self.mesh));
+        write(console, &self.output, &moved)
+    }
+}
+
+impl Augment {
+    fn run(self, console: Console) -> Result<()> {
+        output_file(&self.output)?;
+        let (model, other) = (read(&self.model)?, read(&self.by)?);
+        let mut both = model.augmented(&other).map_err(|e| Error::file(&self.by, e))?;
+        both.provenance = with_line(&both.provenance, "augmented_by", &file_name(&self.by));
+        console.say(format_args!(
+            "the means are {:.2} mm apart (root mean square)",
+            model.mean_distance(&other)
+        ));
+        write(console, &self.output, &both)
+    }
+}
+
+impl Pca {
+    fn run(self, console: Console) -> Result<()> {
+        output_file(&self.output)?;
+        let (paths, meshes): (Vec<_>, Vec<_>) = meshes(&self.meshes)?.into_iter().unzip();
+        if let Some(odd) = meshes.iter().position(|mesh| mesh.triangles != meshes[0].triangles) {
+            return Err(Error::file(
+                &paths[odd],
+                format_args!(
+                    "has other triangles than {}; give registered meshes",
+                    paths[0].display()
+                ),
+            ));
+        }
+        let landmarks = match &self.landmarks {
+            Some(path) => landmarks::read(path, &meshes[0].points, 1.0)?,
+            None => Vec::new(),
+        };
+        let unnamed = landmarks.is_empty();
+        let model = Morphable::of_meshes(&meshes, landmarks)?;
+        write(console, &self.output, &model)?;
+        if unnamed {
+            console.say("no --landmarks: the model can be sampled and rendered, but not fitted");
+        }
+        Ok(())
+    }
+}

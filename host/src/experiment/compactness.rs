@@ -1,0 +1,252 @@
+//! Compactness, generalization and specificity (paper, section of that name): models of kernels on
+//! the template and on single scans, beside principal components of many people.
+//!
+//! | curve | model | the paper's |
+//! |---|---|---|
+//! | standard, correlated, symmetric | `…-full` kernels on the template | on the 2017 Basel mean |
+//! | single scan | mean of ten, symmetric-full on each scan | on the ten 2009 Basel scans |
+//! | 60 people | principal components of the 60 identities | the 2017 Basel model, 200 people |
+//!
+//! All are tested on the true surfaces of the ten scans, on the template's topology; a scan's own
+//! model on the other nine. Identities and scans are different people, but drawn by one generator
+//! (`fixtures/README.md`): principal components know the very distribution that is tested.
+
+use super::faces::{identity_meshes, scan_meshes};
+use crate::decompose::{Progress, Truncation, decompose};
+use crate::demo;
+use crate::error::{Error, Result};
+use crate::kernel::{Axis, Kernel, Preset, Vertex};
+use crate::mesh::Mesh;
+use crate::metrics::{Curve, Estimate, Metrics, Options, Point, TestSet, measure};
+use crate::morphable::{Morphable, Process};
+use crate::summary::to_json;
+use crate::surface::Surface;
+use serde::Serialize;
+use std::path::Path;
+
+/// Kernels of the models on the template.
+const ON_TEMPLATE: [(&str, &str); 3] = [
+    ("standard", "standard-full"),
+    ("correlated", "correlated-full"),
+    ("symmetric", "symmetric-full"),
+];
+
+/// The result.
+#[derive(Clone, Debug, Serialize)]
+pub struct Compactness {
+    /// Meshes measured with.
+    pub test_meshes: usize,
+    /// Random instances per model and number of components.
+    pub samples: usize,
+    /// Their seed.
+    pub seed: u64,
+    /// The models.
+    pub curves: Vec<Curve>,
+}
+
+/// Builds and measures all models, of `rank` components each. `progress` hears the fraction done.
+///
+/// # Errors
+/// Fixtures that cannot be read.
+pub fn run(
+    fixtures: &Path,
+    rank: usize,
+    options: &Options,
+    progress: &mut Progress<'_>,
+) -> Result<Compactness> {
+    let (template, _) = demo::template()?;
+    let scans = scan_meshes(fixtures)?;
+    let surfaces: Vec<Surface> = scans.iter().map(Surface::new).collect();
+    let without = |left_out: Option<usize>| {
+        let used = || (0..scans.len()).filter(move |j| Some(*j) != left_out);
+        TestSet::new(used().map(|j| &scans[j]).collect(), used().map(|j| &surfaces[j]).collect())
+    };
+    let total = (ON_TEMPLATE.len() + scans.len() + 1) as f64;
+    let mut done = 0.0;
+
+    let mut curves = Vec::new();
+    let mut shapes: Vec<(Kernel, Process)> = Vec::new();
+    for (name, kernels) in ON_TEMPLATE {
+        let mut building = |part: f64| progress((done + part) / total, name);
+        let preset = preset(kernels)?;
+        // Standard and correlated models share their shape.
+        let kernel = preset.shape(Some(Axis::X));
+        let shape = match shapes.iter().find(|(known, _)| *known == kernel) {
+            Some((_, shape)) => shape.clone(),
+            None => deviate(&kernel, &template, &template.points, rank, &mut |part| {
+                building(0.4 * part);
+            })?,
+        };
+        shapes.push((kernel, shape.clone()));
+        let kernel = preset.albedo(Some(Axis::X));
+        let albedo = deviate(&kernel, &template, &template.colors, rank, &mut |part| {
+            building(0.4 + 0.4 * part);
+        })?;
+        let model = morphable(&template, shape, albedo);
+        curves.push(Curve {
+            name: name.into(),
+            about: format!("{kernels} kernels on the template"),
+            metrics: measure(&model, &without(None), options)?,
+        });
+        done += 1.0;
+    }
+    drop(shapes);
+
+    let preset = preset("symmetric-full")?;
+    let mut singles = Vec::new();
+    for (number, scan) in scans.iter().enumerate() {
+        let name = format!("scan {number}");
+        let mut building = |part: f64| progress((done + part) / total, &name);
+        let kernel = preset.shape(Some(Axis::X));
+        let shape = deviate(&kernel, scan, &scan.points, rank, &mut |part| building(0.4 * part))?;
+        let kernel = preset.albedo(Some(Axis::X));
+        let albedo = deviate(&kernel, scan, &scan.colors, rank, &mut |part| {
+            building(0.4 + 0.4 * part);
+        })?;
+        let model = morphable(scan, shape, albedo);
+        singles.push(measure(&model, &without(Some(number)), options)?);
+        done += 1.0;
+    }
+    curves.push(Curve {
+        name: "single scan".into(),
+        about: format!(
+            "mean over {} symmetric-full models, each on one scan and tested on the others",
+            scans.len()
+        ),
+        metrics: average(&singles)?,
+    });
+
+    progress(done / total, "principal components");
+    let identities = identity_meshes(fixtures)?;
+    let model = Morphable::of_meshes(&identities, Vec::new())?;
+    curves.push(Curve {
+        name: "60 people".into(),
+        about: format!("principal components of {} registered faces", identities.len()),
+        metrics: measure(&model, &without(None), options)?,
+    });
+    Ok(Compactness {
+        test_meshes: scans.len(),
+        samples: options.samples,
+        seed: options.seed,
+        curves,
+    })
+}
+
+impl Compactness {
+    /// The contents of `compactness.json`.
+    ///
+    /// # Errors
+    /// A number that is not finite, naming the field.
+    pub fn to_json(&self) -> Result<String> {
+        to_json(self)
+    }
+
+    /// What a reader of the numbers must know.
+    pub fn notes(&self) -> [String; 3] {
+        [
+            format!(
+                "All models are tested on the true surfaces of {} scans, on the template's \
+                 topology; a scan's own model on the others. Distances are between corresponding \
+                 vertices, means over vertices; specificity draws {} instances per model (seed {}).",
+                self.test_meshes, self.samples, self.seed
+            ),
+            "Bars are 95 % intervals: over test faces (generalization), over instances \
+             (specificity), over the ten models (single scan). The dashed line is the template alone."
+                .into(),
+            "The 60 people of the principal components are not those of the ten scans, but all were \
+             drawn by one generator: that model has seen the very distribution it is tested on."
+                .into(),
+        ]
+    }
+}
+
+fn preset(name: &str) -> Result<&'static Preset> {
+    Preset::named(name).ok_or_else(|| Error::new("no such kernels"))
+}
+
+/// The leading part of a kernel over a mesh, about `mean`; `progress` hears the fraction done.
+fn deviate(
+    kernel: &Kernel,
+    mesh: &Mesh,
+    mean: &[[f32; 3]],
+    rank: usize,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Process> {
+    let vertices: Vec<Vertex> = mesh
+        .points
+        .iter()
+        .zip(&mesh.colors)
+        .map(|(p, c)| Vertex { position: p.map(f64::from), color: c.map(f64::from) })
+        .collect();
+    let deviation =
+        decompose(kernel, &vertices, Truncation::Rank(rank), &mut |done, _| progress(done))?;
+    Ok(Process::around(mean, &deviation))
+}
+
+fn morphable(mesh: &Mesh, shape: Process, albedo: Process) -> Morphable {
+    let triangles = mesh.triangles.clone();
+    Morphable { shape, albedo, triangles, landmarks: Vec::new(), provenance: String::new() }
+}
+
+/// Means over models, point by point; standard errors are of these means.
+fn average(models: &[Metrics]) -> Result<Metrics> {
+    let half = |points: fn(&Metrics) -> &Vec<Point>| {
+        let count = models.iter().map(|m| points(m).len()).min().unwrap_or(0);
+        (0..count)
+            .map(|i| {
+                let at: Vec<&Point> = models.iter().map(|m| &points(m)[i]).collect();
+                if at.iter().any(|p| p.components != at[0].components) {
+                    return Err(Error::new(
+                        "the scans' models differ in rank; ask for a lower one",
+                    ));
+                }
+                let mean = |value: &dyn Fn(&Point) -> f64| {
+                    Estimate::of(&at.iter().map(|p| value(p)).collect::<Vec<_>>())
+                };
+                let maybe = |value: fn(&Point) -> Option<Estimate>| {
+                    value(at[0])?;
+                    Some(mean(&|p| value(p).map_or(f64::NAN, |estimate| estimate.mean)))
+                };
+                Ok(Point {
+                    components: at[0].components,
+                    compactness: mean(&|p| p.compactness).mean,
+                    generalization: mean(&|p| p.generalization.mean),
+                    specificity: mean(&|p| p.specificity.mean),
+                    surface_generalization: maybe(|p| p.surface_generalization),
+                    surface_specificity: maybe(|p| p.surface_specificity),
+                })
+            })
+            .collect::<Result<Vec<_>>>()
+    };
+    Ok(Metrics { shape: half(|m| &m.shape)?, albedo: half(|m| &m.albedo)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_average_is_point_by_point() {
+        let metrics = |x: f64| {
+            let estimate = Estimate { mean: x, standard_error: 9.0 };
+            let point = Point {
+                components: 1,
+                compactness: x,
+                generalization: estimate,
+                specificity: estimate,
+                surface_generalization: Some(estimate),
+                surface_specificity: None,
+            };
+            Metrics { shape: vec![point], albedo: Vec::new() }
+        };
+        let mean = average(&[metrics(1.0), metrics(3.0)]).unwrap();
+        let point = &mean.shape[0];
+        assert_eq!(point.compactness, 2.0);
+        assert_eq!(point.generalization, Estimate { mean: 2.0, standard_error: 1.0 });
+        assert_eq!(point.surface_generalization, Some(point.generalization));
+        assert_eq!(point.surface_specificity, None);
+        let mut other = metrics(3.0);
+        other.shape[0].components = 2;
+        assert!(average(&[metrics(1.0), other]).is_err());
+    }
+}

@@ -1,0 +1,57 @@
+//! Models of models, by the command: what was learnt from samples of a model is that model again.
+
+use onescan::{photo, ply};
+use onescan_tests::program::Onescan;
+use serde_json::Value;
+use std::fs;
+use tempfile::tempdir;
+
+#[test]
+fn models_are_learnt_cut_out_conditioned_and_measured() {
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+    let info = |model: &str| -> Value {
+        serde_json::from_str(&run(&format!("info {model} --json"))).unwrap()
+    };
+    let variance = |info: &Value| info["shape"]["total_variance"].as_f64().unwrap();
+
+    run("sample @golden/small.3dmm -n 5 -o samples");
+    run("model pca samples -o pca.3dmm");
+    let (small, pca) = (info("@golden/small.3dmm"), info("pca.3dmm"));
+    assert_eq!((&pca["shape"]["rank"], &pca["vertices"]), (&4.into(), &small["vertices"]));
+
+    run("model project pca.3dmm samples/sample_03.ply -o again.ply --coefficients c.json");
+    let [known, again] = ["samples/sample_03.ply", "again.ply"].map(|f| ply::read(&at(f)).unwrap());
+    for (a, b) in known.points.as_flattened().iter().zip(again.points.as_flattened()) {
+        assert!((a - b).abs() < 0.05, "{a} became {b}");
+    }
+    let c: Value = serde_json::from_slice(&fs::read(at("c.json")).unwrap()).unwrap();
+    assert_eq!(c["shape"].as_array().unwrap().len(), 4);
+
+    run("model augment pca.3dmm @golden/small.3dmm -o both.3dmm");
+    let both = info("both.3dmm");
+    let sum = variance(&pca) + variance(&small);
+    assert!((variance(&both) - sum).abs() < 1e-6 * sum);
+
+    run("model region @golden/small.3dmm --around center.nose.tip --radius 40 -o nose.3dmm");
+    let nose = info("nose.3dmm");
+    assert!(nose["vertices"].as_u64() < small["vertices"].as_u64());
+    assert!(nose["landmarks"]["center.nose.tip"].is_u64());
+
+    run("model recentre @golden/small.3dmm samples/sample_00.ply -o moved.3dmm");
+    run("model posterior @golden/small.3dmm --mesh samples/sample_01.ply -o known.3dmm");
+    assert!(variance(&info("known.3dmm")) < variance(&small));
+
+    run("modes known.3dmm -n 2 -o modes");
+    assert!(photo::read(&at("modes/modes.png")).is_ok());
+    assert!(at("modes/albedo_2_plus.ply").exists());
+
+    run("evaluate pca.3dmm both.3dmm --meshes samples --samples 10 --surface-samples 2 -o report");
+    let found: Value =
+        serde_json::from_slice(&fs::read(at("report/metrics.json")).unwrap()).unwrap();
+    let last = found["models"][0]["metrics"]["shape"].as_array().unwrap().last().unwrap();
+    assert!(last["generalization"]["mean"].as_f64().unwrap() < 0.05, "{last}");
+    assert!(last["surface_specificity"]["mean"].as_f64().unwrap() > 0.1, "{last}");
+    assert!(fs::read_to_string(at("report/report.html")).unwrap().contains("<svg"));
+}
