@@ -5,7 +5,8 @@
 //!
 //! | step | room |
 //! |---|---|
-//! | scan → mesh | [`ply`], [`mesh`], [`landmarks`] |
+//! | scan → mesh | [`mesh_file`], [`ply`], [`mesh`], [`landmarks`] |
+//! | mesh → mended mesh | [`doctor`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
 //! | models in double precision | [`morphable`] |
@@ -29,6 +30,8 @@ pub mod decimate;
 pub mod decompose;
 #[cfg(feature = "full")]
 pub mod demo;
+#[cfg(feature = "full")]
+pub mod doctor;
 pub mod error;
 #[cfg(feature = "full")]
 pub mod export;
@@ -40,6 +43,8 @@ pub mod glb;
 pub mod kernel;
 pub mod landmarks;
 pub mod mesh;
+#[cfg(feature = "full")]
+pub mod mesh_file;
 pub mod model_file;
 #[cfg(feature = "full")]
 pub mod morphable;
