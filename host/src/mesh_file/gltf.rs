@@ -96,7 +96,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
 /// Parses container and document, and checks what the crate's own checks take for granted.
 fn open(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>)> {
     let malformed = |e: ::gltf::Error| {
-        let message: String = e.to_string().chars().take(240).collect();
+        let message: String = e.to_string().trim_end_matches(';').chars().take(240).collect();
         Error::new(format_args!("{message}; not a good glTF 2.0 file, export it again"))
     };
     if bytes.starts_with(b"glTF") {
@@ -231,12 +231,12 @@ impl Buffers {
                 buffers.files.insert(uri.clone(), fetch(directory, uri)?.into_owned());
             }
             buffers.keys.push(buffer.uri.clone());
-            let (index, length) = (buffers.keys.len() - 1, buffers.bytes(buffers.keys.len() - 1));
-            if (length.len() as u64) < buffer.byte_length.0 {
+            let index = buffers.keys.len() - 1;
+            let there = buffers.bytes(index).len();
+            if (there as u64) < buffer.byte_length.0 {
                 return Err(Error::new(format_args!(
-                    "buffer {index} has {} bytes, {} are promised; a file is cut short, export \
-                     again",
-                    length.len(),
+                    "buffer {index} has {there} bytes, {} are promised; a file is cut short, \
+                     export again",
                     buffer.byte_length.0
                 )));
             }

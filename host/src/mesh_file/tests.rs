@@ -265,7 +265,9 @@ fn bad_documents_are_refused() {
     bad("has two parents", &|d| d["nodes"] = json!([{ "children": [0], "mesh": 0 }]));
     bad("holds no mesh", &|d| d["nodes"] = json!([{}]));
     bad("has no faces", &|d| d["meshes"][0]["primitives"][0]["mode"] = 1.into());
-    bad("is not finite", &|d| d["nodes"][0]["scale"] = json!([1e38, 1e38, 1e38]));
+    bad("is not finite", &|d| {
+        d["nodes"] = json!([{ "mesh": 0, "scale": [3e38, 1, 1], "translation": [3e38, 0, 0] }]);
+    });
     let bare = triangle_document(|_| ()).to_string();
     refused("a.gltf", &bare, &Options::default(), "has no vertex colours and no texture");
     refused("a.gltf", "not json", &grey(), "not a glTF file");
