@@ -1,13 +1,17 @@
-//! What the fuzz targets share: a tiny model, and damage to bytes that carry a checksum.
+//! What the fuzz targets share: a tiny model, damage to bytes that carry a checksum, and what holds of
+//! every mesh.
 
 use onescan::build::{BuildOptions, build};
 use onescan::decompose::Truncation;
+use onescan::doctor::{Findings, mend};
 use onescan::kernel::{Axis, Kernels};
 use onescan::landmarks::Landmark;
 use onescan::mesh::Mesh;
+use onescan::mesh_file::{self, Format, Options};
 use onescan::model_file::OwnedModel;
 use onescan::render;
 use onescan_core::scene::Scene;
+use std::path::Path;
 use std::sync::OnceLock;
 
 /// A model of a bent square: four vertices, two triangles, rank 3, landmarks `a` to `d`.
@@ -53,4 +57,19 @@ pub fn damaged(bytes: &[u8], damage: &[u8]) -> Vec<u8> {
 pub fn draw(mut scene: Scene) {
     scene.camera = render::resize_camera(&scene.camera, [48, 32]);
     render::draw_on(&model().view(), &scene, [0; 3]);
+}
+
+/// What holds of every mesh that is read, whatever its format.
+pub fn mesh(data: &[u8], format: Format) {
+    let options = Options { color: Some([0.5; 3]), ..Options::default() };
+    // Where no file lies that the bytes could name.
+    let path = Path::new("/nonexistent/mesh");
+    let Ok(mesh) = mesh_file::parse(path, data, format, &options) else { return };
+    let vertices = mesh.points.len();
+    assert!(vertices > 0 && mesh.colors.len() == vertices && !mesh.triangles.is_empty());
+    assert!(mesh.triangles.as_flattened().iter().all(|&v| (v as usize) < vertices));
+    assert!(mesh.points.as_flattened().iter().all(|x| x.is_finite()));
+    Findings::of(&mesh, 1.0);
+    let (mended, _) = mend(&mesh, true);
+    assert!(mended.triangles.as_flattened().iter().all(|&v| (v as usize) < mended.points.len()));
 }

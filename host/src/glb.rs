@@ -31,7 +31,7 @@ pub fn encode(mesh: &Mesh, name: &str) -> Result<Vec<u8>> {
         return Err(Error::new("a mesh without triangles cannot be written as glTF"));
     }
     let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| p.map(|x| x * METRE)).collect();
-    let colors: Vec<[u16; 4]> = mesh.colors.iter().map(|&c| linear(c)).collect();
+    let colors: Vec<[u16; 4]> = mesh.colors.iter().map(|&c| linear_rgba(c)).collect();
     let normals = normals(&mesh.points, &mesh.triangles);
     let parts: [&[u8]; 4] = [
         bytemuck::cast_slice(&points),
@@ -139,16 +139,26 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     (length > 0.0).then(|| v.map(|x| (x / length) as f32))
 }
 
-/// An sRGB colour as linear 16-bit RGBA: `((c + 0.055)/1.055)^2.4`, `c/12.92` up to 0.04045
-/// (IEC 61966-2-1).
-fn linear(color: [f32; 3]) -> [u16; 4] {
-    let [r, g, b] = color.map(|c| {
-        let c = f64::from(c.clamp(0.0, 1.0));
-        let value =
-            if c <= 0.04045 { c / 12.92 } else { math::exp(2.4 * math::ln((c + 0.055) / 1.055)) };
-        (value * 65535.0 + 0.5) as u16
-    });
+/// An sRGB colour as linear 16-bit RGBA.
+fn linear_rgba(color: [f32; 3]) -> [u16; 4] {
+    let [r, g, b] = color.map(|c| (linear(c.into()) * 65535.0 + 0.5) as u16);
     [r, g, b, u16::MAX]
+}
+
+/// An sRGB value, clamped to `[0, 1]`, as linear light: `((c + 0.055)/1.055)^2.4`, `c/12.92` up to
+/// 0.04045 (IEC 61966-2-1).
+pub(crate) fn linear(c: f64) -> f64 {
+    let c = c.clamp(0.0, 1.0);
+    if c <= 0.04045 { c / 12.92 } else { math::exp(2.4 * math::ln((c + 0.055) / 1.055)) }
+}
+
+/// Linear light, clamped to `[0, 1]`, as an sRGB value: the inverse of [`linear`].
+#[cfg(feature = "full")]
+pub(crate) fn stored(c: f32) -> f32 {
+    let c = f64::from(c.clamp(0.0, 1.0));
+    let value =
+        if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * math::exp(math::ln(c) / 2.4) - 0.055 };
+    value.clamp(0.0, 1.0) as f32
 }
 
 #[cfg(test)]
@@ -213,13 +223,10 @@ mod tests {
 
     #[test]
     fn eight_bit_colours_survive_the_linear_detour() {
-        let back = |v: u16| {
-            let v = f64::from(v) / 65535.0;
-            let c = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
-            (c * 255.0).round() as u8
-        };
         for byte in 0..=255_u8 {
-            assert_eq!(back(linear([f32::from(byte) / 255.0; 3])[0]), byte);
+            let [value, ..] = linear_rgba([f32::from(byte) / 255.0; 3]);
+            let back = stored(f32::from(value) / 65535.0);
+            assert_eq!((back * 255.0).round() as u8, byte);
         }
     }
 

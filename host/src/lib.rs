@@ -7,6 +7,9 @@
 //! |---|---|
 //! | scan → mesh | [`ply`], [`mesh`], [`landmarks`], [`symmetry`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`mod@reference`], [`build`], [`model_file`] |
+//! | scan → mesh | [`mesh_file`], [`ply`], [`mesh`], [`landmarks`] |
+//! | mesh → mended mesh | [`doctor`] |
+//! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
 //! | models in double precision, models of models | [`morphable`], [`operate`] |
 //! | how good a model is | [`metrics`], [`surface`], [`rigid`] |
@@ -31,6 +34,8 @@ pub mod decimate;
 pub mod decompose;
 #[cfg(feature = "full")]
 pub mod demo;
+#[cfg(feature = "full")]
+pub mod doctor;
 pub mod error;
 #[cfg(feature = "full")]
 pub mod experiment;
@@ -44,6 +49,7 @@ pub mod glb;
 pub mod kernel;
 pub mod landmarks;
 pub mod mesh;
+pub mod mesh_file;
 #[cfg(feature = "full")]
 pub mod metrics;
 pub mod model_file;

@@ -1,5 +1,7 @@
 //! A coloured triangle mesh in memory.
 
+use std::collections::HashMap;
+
 /// A triangle mesh with a colour per vertex.
 ///
 /// Guarantees, established by the readers: as many colours as points, all numbers finite,
@@ -12,4 +14,33 @@ pub struct Mesh {
     pub colors: Vec<[f32; 3]>,
     /// Corner indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+}
+
+/// Which of the points each point equals, exactly, counted in order of first appearance; and
+/// those points. What exporters split for texture seams and flat shading is joined by this.
+pub fn weld(points: &[[f32; 3]]) -> (Vec<u32>, Vec<[f32; 3]>) {
+    let mut known = HashMap::new();
+    let mut kept = Vec::new();
+    let map = points
+        .iter()
+        .map(|&p| {
+            // Adding 0 makes −0 an ordinary zero.
+            *known.entry(p.map(|c| (c + 0.0).to_bits())).or_insert_with(|| {
+                kept.push(p);
+                kept.len() as u32 - 1
+            })
+        })
+        .collect();
+    (map, kept)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_points_are_joined_in_order() {
+        let points = [[1.0; 3], [0.0; 3], [1.0; 3], [-0.0, 0.0, 0.0], [2.0; 3]];
+        assert_eq!(weld(&points), (vec![0, 1, 0, 1, 2], vec![[1.0; 3], [0.0; 3], [2.0; 3]]));
+    }
 }

@@ -33,6 +33,30 @@ pub fn read(path: &Path) -> Result<Picture> {
 /// Other formats, damaged files, no pixels, a side above [`MAX_SIDE`] or more than
 /// [`MAX_PIXELS`]: the header alone decides on the size, before memory is taken.
 pub fn decode(bytes: &[u8]) -> Result<Picture> {
+    let (mut image, orientation) = decode_image(bytes)?;
+    image.apply_orientation(orientation);
+    let (width, height) = (image.width(), image.height());
+    let rgb = if image.color().has_alpha() {
+        image.into_rgba8().as_raw().as_chunks().0.iter().copied().map(over_black).collect()
+    } else {
+        image.into_rgb8().as_raw().as_chunks().0.to_vec()
+    };
+    Ok(Picture { width, height, rgb })
+}
+
+/// Decodes the picture of a texture: as [`decode`], but the way its rows are stored, whatever EXIF
+/// says, and without regard to transparency, whose colours texture coordinates may well mean.
+///
+/// # Errors
+/// Those of [`decode`].
+#[cfg(feature = "full")]
+pub fn decode_stored(bytes: &[u8]) -> Result<Picture> {
+    let (image, _) = decode_image(bytes)?;
+    let (width, height) = (image.width(), image.height());
+    Ok(Picture { width, height, rgb: image.into_rgb8().as_raw().as_chunks().0.to_vec() })
+}
+
+fn decode_image(bytes: &[u8]) -> Result<(DynamicImage, Orientation)> {
     let format = match image::guess_format(bytes) {
         Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => format,
         Ok(other) => {
@@ -57,15 +81,7 @@ pub fn decode(bytes: &[u8]) -> Result<Picture> {
     check_size(width, height)?;
     // A damaged EXIF block is no reason to refuse the pixels.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-    let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
-    image.apply_orientation(orientation);
-    let (width, height) = (image.width(), image.height());
-    let rgb = if image.color().has_alpha() {
-        image.into_rgba8().as_raw().as_chunks().0.iter().copied().map(over_black).collect()
-    } else {
-        image.into_rgb8().as_raw().as_chunks().0.to_vec()
-    };
-    Ok(Picture { width, height, rgb })
+    Ok((DynamicImage::from_decoder(decoder).map_err(damaged)?, orientation))
 }
 
 /// Whether an end-of-image marker follows the start of the first scan. Decoders take a file that

@@ -1,4 +1,4 @@
-//! PLY meshes with vertex colours: reading of ascii and both binary encodings, and writing.
+//! PLY meshes with vertex colours or a texture: reading of ascii and both binary encodings, and writing.
 //!
 //! Grammar and payload are the crate `ply-rs-bw`'s; this module bounds what a header may claim
 //! by what the file holds, picks out positions, colours and faces, and checks them.
@@ -18,6 +18,10 @@ const COLOR_NAMES: [[&str; 3]; 3] =
     [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
 const POSITION_NAMES: [&str; 3] = ["x", "y", "z"];
 const CORNER_NAMES: [&str; 2] = ["vertex_indices", "vertex_index"];
+/// What programs call the texture coordinates of a vertex; the first complete pair is taken.
+const UV_NAMES: [[&str; 2]; 3] = [["texture_u", "texture_v"], ["s", "t"], ["u", "v"]];
+/// And those of a face's corners: u and v of each in turn.
+const FACE_UV_NAME: &str = "texcoord";
 
 /// How numbers are written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,6 +31,23 @@ pub enum Encoding {
     Binary,
     /// Text, in the shortest form that reads back to the same f32.
     Ascii,
+}
+
+/// What a PLY file says of a surface.
+///
+/// Guarantees: those of [`Mesh`], but for the colours.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Parts {
+    /// Vertex positions.
+    pub points: Vec<[f32; 3]>,
+    /// Vertex colours, RGB in `[0, 1]`.
+    pub colors: Option<Vec<[f32; 3]>>,
+    /// Corner indices.
+    pub triangles: Vec<[u32; 3]>,
+    /// Texture coordinates of the triangles' corners, v up; not checked.
+    pub uvs: Option<Vec<[[f32; 2]; 3]>>,
+    /// The file of the texture (`comment TextureFile name`).
+    pub texture: Option<String>,
 }
 
 /// Reads a PLY file.
@@ -49,6 +70,21 @@ pub fn read(path: &Path) -> Result<Mesh> {
 /// colours outside `[0, 1]` (there is no telling what their range is). Memory taken is bounded
 /// by a multiple of the bytes given, whatever the header claims.
 pub fn parse(bytes: &[u8]) -> Result<Mesh> {
+    let Parts { points, colors, triangles, .. } = parse_parts(bytes)?;
+    let colors = colors.ok_or_else(|| {
+        Error::new(
+            "has no vertex colours; onescan builds albedo from them: \
+             bake the texture to vertex colours and export again",
+        )
+    })?;
+    Ok(Mesh { points, colors, triangles })
+}
+
+/// Parses the bytes of a PLY file whose colours may be elsewhere: in a texture, or nowhere.
+///
+/// # Errors
+/// Those of [`parse`], but for missing colours.
+pub fn parse_parts(bytes: &[u8]) -> Result<Parts> {
     if !(bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r")) {
         return Err(Error::new(
             "not a PLY file (the first line is not `ply`); export the scan as PLY",
@@ -77,16 +113,22 @@ pub fn parse(bytes: &[u8]) -> Result<Mesh> {
 
     let mut vertices = Vec::new();
     let mut faces = Vec::new();
+    let (mut colored, mut vertex_uvs, mut face_uvs) = (false, false, false);
     for element in header.elements.values() {
         match element.name.as_str() {
             "vertex" => {
-                check_properties(element)?;
+                if !has_all(element, &POSITION_NAMES) {
+                    return Err(Error::new("vertices have no x, y, z; export the scan as a mesh"));
+                }
+                colored = COLOR_NAMES.iter().any(|names| has_all(element, names));
+                vertex_uvs = UV_NAMES.iter().any(|names| has_all(element, names));
                 vertices = Parser::<Vertex>::new()
                     .read_payload_for_element(&mut reader, element, &header)
                     .map_err(malformed)?;
-                choose_colors(element, &mut vertices);
+                choose_names(element, &mut vertices);
             }
             "face" => {
+                face_uvs = element.properties.contains_key(FACE_UV_NAME);
                 faces = Parser::<Face>::new()
                     .read_payload_for_element(&mut reader, element, &header)
                     .map_err(malformed)?;
@@ -98,7 +140,21 @@ pub fn parse(bytes: &[u8]) -> Result<Mesh> {
             }
         }
     }
-    assemble(&vertices, &faces)
+    let mesh = assemble(&vertices, &faces, colored)?;
+    let uvs = if face_uvs {
+        Some(corner_uvs(&faces)?)
+    } else {
+        let corners = |t: &[u32; 3]| t.map(|v| vertices[v as usize].uvs[0]);
+        vertex_uvs.then(|| mesh.triangles.iter().map(corners).collect())
+    };
+    let named = |line: &str| Some(line.trim().strip_prefix("comment TextureFile")?.trim().into());
+    Ok(Parts {
+        points: mesh.points,
+        colors: colored.then_some(mesh.colors),
+        triangles: mesh.triangles,
+        uvs,
+        texture: text.lines().find_map(named),
+    })
 }
 
 /// Fewest bytes an element of this kind takes (in text a digit and a separator per property,
@@ -123,32 +179,38 @@ fn malformed(error: ParseError) -> Error {
     Error::new(format_args!("{message}; the file is damaged, export it again"))
 }
 
-fn check_properties(vertex: &ElementDef) -> Result<()> {
-    if !has_all(vertex, &POSITION_NAMES) {
-        return Err(Error::new("vertices have no x, y, z; export the scan as a mesh"));
-    }
-    if !COLOR_NAMES.iter().any(|names| has_all(vertex, names)) {
-        return Err(Error::new(
-            "has no vertex colours; onescan builds albedo from them: \
-             bake the texture to vertex colours and export again",
-        ));
-    }
-    Ok(())
-}
-
-fn has_all(element: &ElementDef, names: &[&str; 3]) -> bool {
+fn has_all<const N: usize>(element: &ElementDef, names: &[&str; N]) -> bool {
     names.iter().all(|name| element.properties.contains_key(*name))
 }
 
-/// Moves the colour the file has to the front.
-fn choose_colors(element: &ElementDef, vertices: &mut [Vertex]) {
-    let choice = COLOR_NAMES.iter().position(|names| has_all(element, names)).unwrap_or(0);
+/// Moves the colour and the texture coordinates the file has to the front.
+fn choose_names(element: &ElementDef, vertices: &mut [Vertex]) {
+    let color = COLOR_NAMES.iter().position(|names| has_all(element, names)).unwrap_or(0);
+    let uv = UV_NAMES.iter().position(|names| has_all(element, names)).unwrap_or(0);
     for vertex in vertices {
-        vertex.colors.swap(0, choice);
+        vertex.colors.swap(0, color);
+        vertex.uvs.swap(0, uv);
     }
 }
 
-fn assemble(vertices: &[Vertex], faces: &[Face]) -> Result<Mesh> {
+/// The texture coordinates of the corners of the fans that [`assemble`] makes.
+fn corner_uvs(faces: &[Face]) -> Result<Vec<[[f32; 2]; 3]>> {
+    let mut uvs = Vec::new();
+    for (i, Face { corners, texcoord }) in faces.iter().enumerate() {
+        let pairs: &[[f32; 2]] = texcoord.as_chunks().0;
+        if pairs.len() < corners.len() {
+            return Err(Error::new(format_args!(
+                "face {i}: {} numbers of texcoord, {} corners need two each; export the scan again",
+                texcoord.len(),
+                corners.len()
+            )));
+        }
+        uvs.extend(pairs[1..corners.len()].windows(2).map(|edge| [pairs[0], edge[0], edge[1]]));
+    }
+    Ok(uvs)
+}
+
+fn assemble(vertices: &[Vertex], faces: &[Face], colored: bool) -> Result<Mesh> {
     if vertices.is_empty() {
         return Err(Error::new("the mesh is empty: no vertices; export the scan again"));
     }
@@ -165,7 +227,7 @@ fn assemble(vertices: &[Vertex], faces: &[Face]) -> Result<Mesh> {
                 vertex.position
             )));
         }
-        if !vertex.colors[0].iter().all(|c| (0.0..=1.0).contains(c)) {
+        if colored && !vertex.colors[0].iter().all(|c| (0.0..=1.0).contains(c)) {
             return Err(Error::new(format_args!(
                 "vertex {i}: colour {:?} lies outside [0, 1]; export colours as uchar or \
                  scale them to [0, 1]",
@@ -174,7 +236,7 @@ fn assemble(vertices: &[Vertex], faces: &[Face]) -> Result<Mesh> {
         }
     }
     let mut triangles = Vec::new();
-    for (i, Face { corners }) in faces.iter().enumerate() {
+    for (i, Face { corners, .. }) in faces.iter().enumerate() {
         if corners.len() < 3 {
             return Err(Error::new(format_args!(
                 "face {i}: {} corners (no vertex_indices?); a face needs at least 3",
@@ -197,10 +259,11 @@ fn assemble(vertices: &[Vertex], faces: &[Face]) -> Result<Mesh> {
     })
 }
 
-/// Position and the colour under each of [`COLOR_NAMES`].
+/// Position, and what stands under each of [`COLOR_NAMES`] and [`UV_NAMES`].
 #[derive(Default)]
 struct Vertex {
     position: [f32; 3],
+    uvs: [[f32; 2]; UV_NAMES.len()],
     colors: [[f32; 3]; COLOR_NAMES.len()],
 }
 
@@ -230,6 +293,14 @@ impl PropertyAccess for Vertex {
                 return PropertyAccessResult::Set;
             }
         }
+        for (names, uv) in UV_NAMES.iter().zip(&mut self.uvs) {
+            if let Some(k) = names.iter().position(|n| *n == name)
+                && let Some(value) = number(&property)
+            {
+                uv[k] = value as f32;
+                return PropertyAccessResult::Set;
+            }
+        }
         PropertyAccessResult::Ignored
     }
 }
@@ -251,6 +322,7 @@ fn number(property: &Property) -> Option<f64> {
 #[derive(Default)]
 struct Face {
     corners: Vec<i64>,
+    texcoord: Vec<f32>,
 }
 
 impl PropertyAccess for Face {
@@ -259,6 +331,14 @@ impl PropertyAccess for Face {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        if name == FACE_UV_NAME {
+            self.texcoord = match property {
+                Property::ListFloat(v) => v,
+                Property::ListDouble(v) => v.into_iter().map(|x| x as f32).collect(),
+                _ => return PropertyAccessResult::UnsupportedType,
+            };
+            return PropertyAccessResult::Set;
+        }
         if !CORNER_NAMES.contains(&name) {
             return PropertyAccessResult::Ignored;
         }

@@ -158,6 +158,68 @@ fn scans() {
 }
 
 #[test]
+fn meshes_of_other_programs() {
+    const OBJ: &str = "build bad.obj --rank 4 -o out.3dmm";
+    const MEND: &str = "inspect bad.obj --mend out.ply";
+    const GLTF: &str = "build bad.gltf --colour 200,150,120 --rank 4 -o out.3dmm";
+    const GLB: &str = "build bad.glb --colour 200,150,120 --rank 4 -o out.3dmm";
+    const STL: &str = "build bad.stl --colour #c09678 --rank 4 -o out.3dmm";
+    let tetrahedron = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";
+    let obj = |what: &str, more: &str, says| {
+        case(what, "bad.obj", format!("{tetrahedron}{more}\n"), OBJ, says)
+    };
+    let document = |fields: &str| {
+        let accessor = r#"{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3,
+                           "min": [0, 0, 0], "max": [1, 1, 1]}"#;
+        format!(
+            r#"{{"asset": {{"version": "2.0"}}, "accessors": [{accessor}],
+                "bufferViews": [{{"buffer": 0, "byteLength": 36}}],
+                "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}}}]}}], {fields}}}"#
+        )
+    };
+    let gltf =
+        |what: &str, fields: &str, says| case(what, "bad.gltf", document(fields), GLTF, says);
+    let embedded = r#""buffers": [{"byteLength": 36, "uri": "data:;base64,AAAA"}]"#;
+    let absent = r#""buffers": [{"byteLength": 36, "uri": "mesh.bin"}]"#;
+    let draco = format!(r#"{embedded}, "extensionsRequired": ["KHR_draco_mesh_compression"]"#);
+    let absurd = document(absent).replace("\"count\": 3", "\"count\": 30000000000000000000");
+    let mut vast = vec![b' '; 80];
+    vast.extend([0xff; 70]);
+    refuses(vec![
+        Case { bytes: None, ..obj("missing", "", "No such file") },
+        case("no bytes", "bad.obj", "", OBJ, "the mesh is empty"),
+        obj("no colours", "", "has no vertex colours and no texture"),
+        obj("no materials", "mtllib skin.mtl", "skin.mtl: No such file"),
+        obj("NaN", "v nan 0 0", "line 8: `nan` is not a finite number"),
+        obj("index out of range", "f 1 2 5", "line 8: vertex index 5 is out of range"),
+        obj("two corners", "f 1 2", "line 8: 2 corners"),
+        case("text for a number", "bad.obj", "v 0 zero 0\n", MEND, "line 1: `zero`"),
+        case(
+            "only a line",
+            "bad.obj",
+            "v 0 0 0\nv 1 1 1\nf 1 2 2\n",
+            "inspect bad.obj \
+             --colour 9,9,9 --mend out.ply",
+            "no triangle has an area",
+        ),
+        case("no bytes", "bad.gltf", "", GLTF, "not a glTF file"),
+        case("cut in half", "bad.gltf", &document(embedded)[..200], GLTF, "line"),
+        case("an absurd count", "bad.gltf", absurd, GLTF, "bad.gltf"),
+        gltf("no buffers", r#""buffers": []"#, "buffer"),
+        gltf("a missing buffer", absent, "mesh.bin: No such file"),
+        gltf("a short buffer", embedded, "has 3 bytes, 36 are promised"),
+        gltf("compressed", &draco, "export without Draco compression"),
+        case("no bytes", "bad.glb", "", GLB, "not a glTF file"),
+        case("no length", "bad.glb", "glTF\u{2}\0\0\0", GLB, "0 bytes promised"),
+        case("no bytes", "bad.stl", "", STL, "not an STL file"),
+        case("a promise too many", "bad.stl", vast, STL, "4294967295 triangles do not fit"),
+        case("cut short", "bad.stl", "solid a\nfacet normal 0 0 1\n", STL, "cut short"),
+        case("no colour", "bad.stl", "solid a\n", "inspect bad.stl", "an STL file has no colours"),
+        case("unknown", "bad.fbx", "Kaydara", "inspect bad.fbx", "not a mesh this program reads"),
+    ]);
+}
+
+#[test]
 fn landmarks_of_a_scan() {
     const BUILD: &str = "build @face/template.ply --landmarks bad.json --rank 4 -o out.3dmm";
     let bad = |what: &str, text: &str, says| case(what, "bad.json", text, BUILD, says);
@@ -459,6 +521,11 @@ fn wrong_usage_is_told_apart() {
         "build scan.ply -o a.3dmm --rank 4 --variance 0.9",
         "build scan.ply -o a.3dmm --variance 2",
         "build scan.ply -o a.3dmm --kernels cubic",
+        "build scan.ply -o a.3dmm --unit furlong",
+        "build scan.ply -o a.3dmm --unit 0",
+        "build scan.ply -o a.3dmm --up w",
+        "inspect scan.stl --colour 300,0,0",
+        "inspect scan.ply --largest",
         "sample m.3dmm -o out -n 0",
         "render m.3dmm -o a.png --size 0x5",
         "render m.3dmm -o a.png --yaw east",

@@ -2,8 +2,9 @@
 //! same bits.
 
 use onescan::{photo, ply};
-use onescan_tests::program::{Onescan, fingerprint, json};
+use onescan_tests::program::{Onescan, fingerprint, fixtures, json};
 use serde_json::Value;
+use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -17,6 +18,39 @@ fn fit(directory: &Path, name: &str, arguments: &str) -> Value {
     let line = format!("fit @golden/small.3dmm {ASTRONAUT} -o {name} {arguments}");
     Onescan::new(directory, &line).succeed();
     json(&directory.join(name).join("fit.json"))
+}
+
+#[test]
+fn a_mesh_is_inspected_and_mended_and_any_format_gives_the_same_model() {
+    let place = tempdir().unwrap();
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+    let found: Value =
+        serde_json::from_str(&run("inspect @face/template.ply --json --mend same.ply")).unwrap();
+    assert_eq!(found["findings"]["triangles"], 16374);
+    assert_eq!(found["faults"], Value::Array(Vec::new()));
+    let mesh = ply::read(&place.path().join("same.ply")).unwrap();
+    assert_eq!(mesh, ply::read(&fixtures().join("face/template.ply")).unwrap());
+
+    // The same face in centimetres, with z up, as OBJ.
+    let mut obj = String::new();
+    for ([x, y, z], [r, g, b]) in mesh.points.iter().zip(&mesh.colors) {
+        writeln!(obj, "v {} {} {} {r} {g} {b}", x / 10.0, -z / 10.0, y / 10.0).unwrap();
+    }
+    for t in &mesh.triangles {
+        let [a, b, c] = t.map(|v| v + 1);
+        writeln!(obj, "f {a} {b} {c}").unwrap();
+    }
+    fs::write(place.path().join("face.obj"), obj).unwrap();
+    run("inspect face.obj --up z --unit cm --mend turned.ply");
+    let turned = ply::read(&place.path().join("turned.ply")).unwrap();
+    assert_eq!((&turned.colors, &turned.triangles), (&mesh.colors, &mesh.triangles));
+    for (a, b) in turned.points.as_flattened().iter().zip(mesh.points.as_flattened()) {
+        assert!((a - b).abs() < 1e-4, "{a} {b}");
+    }
+    let landmarks = "--landmarks @face/landmarks.json --rank 3";
+    run(&format!("build face.obj --up z --unit 10 {landmarks} -o turned.3dmm"));
+    let info: Value = serde_json::from_str(&run("info turned.3dmm --json")).unwrap();
+    assert_eq!(info["landmarks"].as_object().unwrap().len(), 42);
 }
 
 #[test]

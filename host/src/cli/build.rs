@@ -1,5 +1,6 @@
 //! `onescan build`.
 
+use super::scan::Scan;
 use super::{file_name, output_file};
 use clap::{Args, ValueEnum};
 use onescan::build::{BuildOptions, build, build_reference};
@@ -7,15 +8,15 @@ use onescan::decompose::Truncation;
 use onescan::error::{Error, Result};
 use onescan::kernel::{Axis, Hyper, Kernels, PRESETS, Preset};
 use onescan::progress::Console;
-use onescan::{landmarks, ply, symmetry};
+use onescan::{landmarks, symmetry};
 use std::path::PathBuf;
 
 /// The mean of the model is the scan; its deviations are Gaussian processes over the scan's
 /// vertices, decomposed exactly into their leading components.
 #[derive(Args)]
 pub(super) struct Build {
-    /// The scan: PLY with vertex colours.
-    scan: PathBuf,
+    #[command(flatten)]
+    scan: Scan,
     /// The model to write, .3dmm.
     #[arg(short, long)]
     output: PathBuf,
@@ -35,16 +36,14 @@ pub(super) struct Build {
     /// As many components as hold this fraction of the variance, instead of --rank.
     #[arg(long, conflicts_with = "rank", value_parser = fraction)]
     variance: Option<f64>,
-    /// Landmarks of the scan, JSON; a fit needs them.
+    /// Landmarks of the scan, JSON; a fit needs them. By vertex number for PLY and OBJ; in glTF and
+    /// STL equal vertices are joined: name them by coordinates, which are the file's.
     #[arg(long)]
     landmarks: Option<PathBuf>,
     /// Axis the plane of symmetry through the origin is perpendicular to; `find` looks for the
     /// plane, wherever it is, and moves the scan.
     #[arg(long, default_value = "x")]
     mirror: Mirror,
-    /// Unit of the scan's coordinates.
-    #[arg(long, default_value = "mm")]
-    unit: Unit,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -54,13 +53,6 @@ enum Mirror {
     Z,
     None,
     Find,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Unit {
-    Mm,
-    Cm,
-    M,
 }
 
 fn preset(name: &str) -> std::result::Result<&'static Preset, String> {
@@ -80,14 +72,14 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 impl Build {
     pub(super) fn run(self, console: Console) -> Result<()> {
         output_file(&self.output)?;
-        let mut scan = ply::read(&self.scan)?;
-        let millimetres = match self.unit {
-            Unit::Mm => 1.0,
-            Unit::Cm => 10.0,
-            Unit::M => 1000.0,
-        };
+        let (mut scan, millimetres) = self.scan.read()?;
         let landmarks = match &self.landmarks {
-            Some(path) => landmarks::read(path, &scan.points, millimetres)?,
+            Some(path) => {
+                // Their coordinates are the file's.
+                let frame = self.scan.frame()?;
+                let points: Vec<_> = scan.points.iter().map(|p| frame.undo(*p)).collect();
+                landmarks::read(path, &points, millimetres)?
+            }
             None => Vec::new(),
         };
         let mirror = match self.mirror {
@@ -96,7 +88,7 @@ impl Build {
             Mirror::Z => Some(Axis::Z),
             Mirror::None => None,
             Mirror::Find => {
-                let found = symmetry::find(&scan).map_err(|e| Error::file(&self.scan, e))?;
+                let found = symmetry::find(&scan).map_err(|e| Error::file(&self.scan.path, e))?;
                 console.say(format_args!(
                     "plane of symmetry: {}, off by {:.3} mm (root mean square)",
                     found.plane,
@@ -109,7 +101,7 @@ impl Build {
             Some(path) => Kernels::read(path, self.kernels, mirror)?,
             None => self.kernels.kernels(&Hyper::default(), mirror),
         };
-        let scan_name = file_name(&self.scan);
+        let scan_name = file_name(&self.scan.path);
         let options = BuildOptions {
             scan_name: &scan_name,
             kernels,
@@ -125,7 +117,7 @@ impl Build {
             task.name(what);
             task.set((1000.0 * done) as u64);
         })
-        .map_err(|e| Error::file(&self.scan, e))?;
+        .map_err(|e| Error::file(&self.scan.path, e))?;
         task.finish();
         built.model.write(&self.output)?;
         console.say(&built.report);

@@ -8,10 +8,12 @@ mod experiment;
 mod export;
 mod fit;
 mod info;
+mod inspect;
 mod model;
 mod modes;
 mod render;
 mod sample;
+mod scan;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
@@ -39,6 +41,7 @@ const EXAMPLES: &str = "\
 Examples:
   onescan                                        the demo
   onescan build scan.ply -o face.3dmm --landmarks landmarks.json
+  onescan inspect head.obj --unit cm --mend head.ply
   onescan sample face.3dmm -o samples -n 12
   onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
   onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
@@ -51,6 +54,8 @@ enum Command {
     Demo(demo::Demo),
     /// Build a model from one coloured scan.
     Build(build::Build),
+    /// Say what a mesh holds and what is wrong with it, and mend it.
+    Inspect(inspect::Inspect),
     /// Make a smaller model: for a device, for a web page.
     Export(export::Export),
     /// Say what a model holds and where it comes from.
@@ -97,6 +102,7 @@ impl Arguments {
             None => demo::Demo::default().run(console),
             Some(Command::Demo(command)) => command.run(console),
             Some(Command::Build(command)) => command.run(console),
+            Some(Command::Inspect(command)) => command.run(console),
             Some(Command::Export(command)) => command.run(console),
             Some(Command::Info(command)) => command.run(),
             Some(Command::Sample(command)) => command.run(console),

@@ -1,0 +1,77 @@
+//! `onescan inspect`.
+
+use super::output_file;
+use super::scan::Scan;
+use clap::Args;
+use onescan::doctor::{Findings, mend};
+use onescan::error::{Error, Result};
+use onescan::files::write_atomically;
+use onescan::mesh::Mesh;
+use onescan::ply::{self, Encoding};
+use onescan::progress::Console;
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Size, borders, pieces and symmetry of a mesh, and what should be seen to before a model is
+/// built of it. Also converts: --mend writes any mesh that is read as a PLY.
+#[derive(Args)]
+pub(super) struct Inspect {
+    #[command(flatten)]
+    scan: Scan,
+    /// For programs.
+    #[arg(long)]
+    json: bool,
+    /// Write the mended mesh: PLY with vertex colours, millimetres, y up. Joins equal vertices,
+    /// drops triangles without area, repeated ones and those that crowd an edge, turns triangles
+    /// so that they agree and look outwards, drops vertices of no triangle.
+    #[arg(long, value_name = "OUT.ply")]
+    mend: Option<PathBuf>,
+    /// Mend by dropping all pieces but the largest, too.
+    #[arg(long, requires = "mend")]
+    largest: bool,
+}
+
+impl Inspect {
+    pub(super) fn run(self, console: Console) -> Result<()> {
+        if let Some(path) = &self.mend {
+            output_file(path)?;
+        }
+        let (mut mesh, unit) = self.scan.read()?;
+        for point in &mut mesh.points {
+            *point = point.map(|c| c * unit);
+        }
+        let findings = Findings::of(&mesh, 1.0);
+        let mended = match &self.mend {
+            Some(path) => {
+                let (mended, what) = mend(&mesh, self.largest);
+                self.write(path, &mended)?;
+                Some(what)
+            }
+            None => None,
+        };
+        if self.json {
+            let mut value = json!({ "findings": findings, "faults": findings.faults() });
+            if let Some(what) = mended {
+                value["mended"] = json!(what);
+            }
+            println!("{value:#}");
+            return Ok(());
+        }
+        println!("{findings}");
+        if let (Some(what), Some(path)) = (mended, &self.mend) {
+            console.say(what);
+            console.say(format_args!("wrote {}", path.display()));
+        }
+        Ok(())
+    }
+
+    fn write(&self, path: &std::path::Path, mesh: &Mesh) -> Result<()> {
+        if mesh.triangles.is_empty() {
+            return Err(Error::file(
+                &self.scan.path,
+                "no triangle has an area; there is nothing to write",
+            ));
+        }
+        write_atomically(path, |out| ply::write(out, mesh, Encoding::Binary))
+    }
+}

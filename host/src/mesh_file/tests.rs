@@ -1,0 +1,417 @@
+use super::*;
+use crate::demo;
+use crate::doctor::Findings;
+use crate::glb;
+use crate::picture::Picture;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use proptest::prelude::*;
+use serde_json::{Value, json};
+use std::fs;
+use tempfile::tempdir;
+
+const GREY: [f32; 3] = [0.5; 3];
+
+fn grey() -> Options {
+    Options { color: Some(GREY), ..Options::default() }
+}
+
+fn parse_as(name: &str, bytes: &[u8], options: &Options) -> Result<Mesh> {
+    let path = Path::new(name);
+    parse(path, bytes, Format::of(path, bytes).unwrap(), options)
+}
+
+#[track_caller]
+fn refused(name: &str, bytes: impl AsRef<[u8]>, options: &Options, part: &str) {
+    let message = parse_as(name, bytes.as_ref(), options).unwrap_err().to_string();
+    assert!(message.contains(part), "{message:?} does not say {part:?}");
+}
+
+/// A glTF document in the making.
+#[derive(Default)]
+struct Draft {
+    binary: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Draft {
+    fn view(&mut self, bytes: &[u8]) -> usize {
+        self.views.push(json!({
+            "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len(),
+        }));
+        self.binary.extend(bytes);
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        self.views.len() - 1
+    }
+
+    fn accessor(&mut self, bytes: &[u8], fields: Value) -> usize {
+        let mut accessor = fields;
+        accessor["bufferView"] = self.view(bytes).into();
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    fn floats<const N: usize>(&mut self, values: &[[f32; N]]) -> usize {
+        let kind = ["", "SCALAR", "VEC2", "VEC3", "VEC4"][N];
+        self.accessor(
+            bytemuck::cast_slice(values.as_flattened()),
+            json!({ "componentType": 5126, "type": kind, "count": values.len(),
+                    "min": [0, 0, 0], "max": [0, 0, 0] }),
+        )
+    }
+
+    fn indices(&mut self, values: &[u16]) -> usize {
+        self.accessor(
+            bytemuck::cast_slice(values),
+            json!({ "componentType": 5123, "type": "SCALAR", "count": values.len() }),
+        )
+    }
+
+    /// The document with these fields besides, its buffer embedded.
+    fn document(&self, fields: Value) -> Value {
+        let mut document = fields;
+        let data = STANDARD.encode(&self.binary);
+        document["asset"] = json!({ "version": "2.0" });
+        document["buffers"] = json!([{
+            "byteLength": self.binary.len(), "uri": format!("data:application/octet-stream;base64,{data}"),
+        }]);
+        document["bufferViews"] = json!(self.views);
+        document["accessors"] = json!(self.accessors);
+        document
+    }
+}
+
+fn read_document(document: &Value, options: &Options) -> Result<Mesh> {
+    parse_as("scan.gltf", document.to_string().as_bytes(), options)
+}
+
+/// A triangle in z = 0 that looks to +z.
+const TRIANGLE: [[f32; 3]; 3] = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]];
+
+fn triangle_document(change: impl FnOnce(&mut Value)) -> Value {
+    let mut draft = Draft::default();
+    draft.floats(&TRIANGLE);
+    draft.indices(&[0, 1, 2]);
+    let mut document = draft.document(json!({
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1 }] }],
+    }));
+    change(&mut document);
+    document
+}
+
+#[test]
+fn what_is_written_as_glb_or_ply_is_read() {
+    let (mesh, _) = demo::template().unwrap();
+    let place = tempdir().unwrap();
+    let path = place.path().join("face.GLB");
+    fs::write(&path, glb::encode(&mesh, "face").unwrap()).unwrap();
+    let (read, format) = read(&path, &Options::default()).unwrap();
+    assert_eq!(format, Format::Gltf);
+    assert_eq!(read.triangles, mesh.triangles);
+    let millimetres = format.millimetres();
+    for (a, b) in read.points.as_flattened().iter().zip(mesh.points.as_flattened()) {
+        assert!((a * millimetres - b).abs() < 1e-4, "{a} {b}");
+    }
+    let byte = |c: &f32| (c * 255.0).round() as u8;
+    let bytes = |mesh: &Mesh| mesh.colors.as_flattened().iter().map(byte).collect::<Vec<_>>();
+    assert_eq!(bytes(&read), bytes(&mesh));
+
+    let mut file = Vec::new();
+    ply::write(&mut file, &mesh, ply::Encoding::Binary).unwrap();
+    assert_eq!(parse_as("face", &file, &Options::default()).unwrap(), mesh);
+}
+
+#[test]
+fn nodes_place_their_meshes_and_a_mirror_keeps_the_outside() {
+    let document = triangle_document(|document| {
+        document["scenes"] = json!([{ "nodes": [0, 2] }]);
+        document["nodes"] = json!([
+            { "children": [1], "translation": [10, 0, 0], "scale": [2, 2, 2] },
+            // A quarter turn about z, then the parent's.
+            { "mesh": 0, "rotation": [0, 0, 0.5_f32.sqrt(), 0.5_f32.sqrt()] },
+            { "mesh": 0, "matrix": [-1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,5,1] },
+        ]);
+    });
+    let mesh = read_document(&document, &grey()).unwrap();
+    let expected =
+        [[10., 0., 0.], [10., 2., 0.], [8., 0., 0.], [0., 0., 5.], [-1., 0., 5.], [0., 1., 5.]];
+    for (a, b) in mesh.points.as_flattened().iter().zip(expected.as_flattened()) {
+        assert!((a - b).abs() < 1e-6, "{:?}", mesh.points);
+    }
+    assert_eq!(mesh.triangles, [[0, 1, 2], [3, 5, 4]]);
+}
+
+#[test]
+fn lists_strips_and_fans_need_no_indices() {
+    let square = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 0.]];
+    for (mode, points, expected) in [
+        (4, &square[..3], vec![[0, 1, 2]]),
+        (5, &square[..], vec![[0, 1, 2], [2, 1, 3]]),
+        (6, &[square[0], square[1], square[3], square[2]], vec![[0, 1, 2], [0, 2, 3]]),
+    ] {
+        let mut draft = Draft::default();
+        draft.floats(points);
+        let primitive = json!({ "attributes": { "POSITION": 0 }, "mode": mode });
+        let document = draft.document(json!({ "meshes": [{ "primitives": [primitive] }] }));
+        let mesh = read_document(&document, &grey()).unwrap();
+        assert_eq!(mesh.triangles, expected, "mode {mode}");
+    }
+}
+
+/// A square whose halves lie on different places of a texture, with the positions and normals
+/// split there, as exporters do.
+fn textured_square(material: &Value) -> Value {
+    let mut draft = Draft::default();
+    let [a, b, c, d] = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+    draft.floats(&[a, b, c, a, c, d]);
+    let (red, blue) = ([0.25, 0.25], [0.75, 0.75]);
+    draft.floats(&[red, red, red, blue, blue, blue]);
+    draft.indices(&[0, 1, 2, 3, 4, 5]);
+    let picture = Picture::from_fn(2, 2, |x, y| match (x, y) {
+        (0, 0) => [200, 0, 0],
+        (1, 1) => [0, 0, 100],
+        _ => [0, 255, 0],
+    });
+    let view = draft.view(&picture.to_png().unwrap());
+    draft.document(json!({
+        "meshes": [{ "primitives": [{
+            "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "indices": 2, "material": 0,
+        }] }],
+        "materials": [{ "pbrMetallicRoughness": material }],
+        "textures": [{ "source": 0 }],
+        "images": [{ "bufferView": view, "mimeType": "image/png" }],
+    }))
+}
+
+fn bytes(mesh: &Mesh) -> Vec<[u8; 3]> {
+    mesh.colors.iter().map(|c| c.map(|c| (255.0 * c).round() as u8)).collect()
+}
+
+#[test]
+fn seams_are_joined_and_get_the_mean_colour() {
+    let document = textured_square(&json!({ "baseColorTexture": { "index": 0 } }));
+    let mesh = read_document(&document, &Options::default()).unwrap();
+    assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+    assert_eq!(bytes(&mesh), [[100, 0, 50], [200, 0, 0], [100, 0, 50], [0, 0, 100]]);
+    let flipped = Options { flip_v: true, ..Options::default() };
+    let mesh = read_document(&document, &flipped).unwrap();
+    assert_eq!(bytes(&mesh)[1], [0, 255, 0]);
+}
+
+#[test]
+fn factors_are_linear_and_textures_are_not() {
+    // sRGB 200 is 0.5776 linear; a fifth of that is sRGB 95.
+    let half = json!({ "baseColorTexture": { "index": 0 }, "baseColorFactor": [0.2, 1, 1, 1] });
+    let mesh = read_document(&textured_square(&half), &Options::default()).unwrap();
+    assert_eq!(bytes(&mesh)[1], [95, 0, 0]);
+    let moved = json!({ "baseColorTexture": { "index": 0, "extensions": {
+        "KHR_texture_transform": { "offset": [0.5, 0.5] },
+    } } });
+    let mesh = read_document(&textured_square(&moved), &Options::default()).unwrap();
+    assert_eq!(bytes(&mesh)[1], [0, 0, 100]);
+    // Without texture the factor counts, unless the user has a better colour.
+    let flat = textured_square(&json!({ "baseColorFactor": [0.21404114, 0, 1, 1] }));
+    let mesh = read_document(&flat, &Options::default()).unwrap();
+    assert_eq!(bytes(&mesh), [[128, 0, 255]; 4]);
+    assert_eq!(bytes(&read_document(&flat, &grey()).unwrap()), [[128; 3]; 4]);
+}
+
+#[test]
+fn a_texture_of_ones_own_overrules_the_material() {
+    let place = tempdir().unwrap();
+    let file = place.path().join("own.png");
+    Picture::filled(3, 3, [1, 2, 3]).write_png(&file).unwrap();
+    let options = Options { texture: Some(file), ..Options::default() };
+    let document = textured_square(&json!({ "baseColorFactor": [0.5, 0, 1, 1] }));
+    assert_eq!(bytes(&read_document(&document, &options).unwrap()), [[1, 2, 3]; 4]);
+    let bare = triangle_document(|_| ()).to_string();
+    refused("a.gltf", bare, &options, "has no texture coordinates");
+}
+
+#[test]
+fn bad_documents_are_refused() {
+    let bad = |part: &str, change: &dyn Fn(&mut Value)| {
+        refused("a.gltf", triangle_document(change).to_string(), &grey(), part);
+    };
+    for (extension, mend) in [
+        ("KHR_draco_mesh_compression", "without Draco"),
+        ("EXT_meshopt_compression", "without meshopt"),
+        ("ACME_magic", "requires ACME_magic, which is not read"),
+    ] {
+        bad(mend, &|d| d["extensionsRequired"] = json!([extension]));
+    }
+    bad("accessor 9 is out of range", &|d| {
+        d["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = 9.into();
+    });
+    bad("invalid glTF", &|d| d["meshes"][0]["primitives"][0]["indices"] = 9.into());
+    bad("promises 1000000000000 elements", &|d| d["accessors"][0]["count"] = json!(1e12 as u64));
+    bad("promises 3 elements", &|d| d["accessors"][0]["byteOffset"] = 4.into());
+    bad("promises 3 elements", &|d| d["accessors"][0]["byteOffset"] = json!(u64::MAX));
+    bad("2 numbers to an element", &|d| d["accessors"][0]["type"] = "VEC2".into());
+    bad("does not hold indices", &|d| d["accessors"][1]["componentType"] = 5126.into());
+    bad("is sparse", &|d| {
+        d["accessors"][0]["sparse"] = json!({ "count": 1,
+            "indices": { "bufferView": 1, "componentType": 5123 }, "values": { "bufferView": 0 } });
+    });
+    bad("reaches beyond its buffer", &|d| d["bufferViews"][0]["byteLength"] = 400.into());
+    bad("reaches beyond its buffer", &|d| d["bufferViews"][0]["byteOffset"] = json!(u64::MAX));
+    bad("has 44 bytes, 99 are promised", &|d| d["buffers"][0]["byteLength"] = 99.into());
+    bad("embedded data", &|d| d["buffers"][0]["uri"] = "data:;base64,####".into());
+    bad("no.bin: No such file", &|d| d["buffers"][0]["uri"] = "no.bin".into());
+    bad("is not on this computer", &|d| d["buffers"][0]["uri"] = "https://a.b/c.bin".into());
+    bad("has two parents", &|d| d["nodes"] = json!([{ "children": [0], "mesh": 0 }]));
+    bad("holds no mesh", &|d| d["nodes"] = json!([{}]));
+    bad("has no faces", &|d| d["meshes"][0]["primitives"][0]["mode"] = 1.into());
+    bad("is not finite", &|d| {
+        d["nodes"] = json!([{ "mesh": 0, "scale": [3e38, 1, 1], "translation": [3e38, 0, 0] }]);
+    });
+    let bare = triangle_document(|_| ()).to_string();
+    refused("a.gltf", &bare, &Options::default(), "has no vertex colours and no texture");
+    refused("a.gltf", "not json", &grey(), "not a glTF file");
+    refused("a.gltf", &bare[..bare.len() / 2], &grey(), "line 1");
+
+    let image = |field: &str, value: Value, part: &str| {
+        let mut document = textured_square(&json!({ "baseColorTexture": { "index": 0 } }));
+        document["images"][0] = json!({ field: value });
+        refused("a.gltf", document.to_string(), &grey(), part);
+    };
+    image("uri", "skin%20.png".into(), "skin .png: No such file");
+    image("name", "no data".into(), "image 0: no data");
+    image("bufferView", 0.into(), "image 0: not a picture");
+}
+
+#[test]
+fn an_index_out_of_range_is_named() {
+    let mut draft = Draft::default();
+    draft.floats(&TRIANGLE);
+    draft.indices(&[0, 1, 3]);
+    let primitive = json!({ "attributes": { "POSITION": 0 }, "indices": 1 });
+    let document = draft.document(json!({ "meshes": [{ "primitives": [primitive] }] }));
+    let part = "mesh 0, primitive 0: index 3 is out of range, there are 3 vertices";
+    refused("a.gltf", document.to_string(), &grey(), part);
+}
+
+#[test]
+fn a_container_that_lies_about_its_length_is_refused() {
+    let (mesh, _) = demo::template().unwrap();
+    let whole = glb::encode(&mesh, "face").unwrap();
+    for length in [4, 11, 12, 20, 100, whole.len() / 2, whole.len() - 1] {
+        refused("a.glb", &whole[..length], &grey(), "");
+    }
+    let mut short = whole;
+    short[8..12].copy_from_slice(&3_u32.to_le_bytes());
+    refused("a.glb", short, &grey(), "header: 3 bytes promised");
+}
+
+#[test]
+fn a_ply_is_painted_with_its_texture() {
+    let place = tempdir().unwrap();
+    let picture = Picture::from_fn(2, 2, |x, y| [100 * x as u8, 100 * y as u8, 0]);
+    picture.write_png(&place.path().join("skin.png")).unwrap();
+    let path = place.path().join("scan.ply");
+    let per_vertex = "ply\nformat ascii 1.0\ncomment TextureFile skin.png\nelement vertex 3\n\
+        property float x\nproperty float y\nproperty float z\nproperty float s\nproperty float t\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 0.25 0.25\n1 0 0 0.75 0.25\n0 1 0 0.25 0.75\n3 0 1 2\n";
+    let per_face = "ply\nformat ascii 1.0\ncomment TextureFile skin.png\nelement vertex 3\n\
+        property float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\n\
+        property list uchar float texcoord\nend_header\n\
+        0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0.25 0.25 0.75 0.25 0.25 0.75\n";
+    for text in [per_vertex, per_face] {
+        fs::write(&path, text).unwrap();
+        let (mesh, _) = read(&path, &Options::default()).unwrap();
+        // v points up: the lower row is the picture's last.
+        assert_eq!(bytes(&mesh), [[0, 100, 0], [100, 100, 0], [0, 0, 0]]);
+    }
+    let bare = per_face.replace("6 0.25 0.25 0.75 0.25 0.25 0.75", "2 0.25 0.25");
+    fs::write(&path, bare).unwrap();
+    let message = read(&path, &Options::default()).unwrap_err().to_string();
+    assert!(message.contains("face 0: 2 numbers of texcoord"), "{message}");
+    fs::write(&path, per_vertex.replace("skin.png", "none.png")).unwrap();
+    let message = read(&path, &Options::default()).unwrap_err().to_string();
+    assert!(message.contains("none.png: No such file"), "{message}");
+}
+
+#[test]
+fn a_scan_without_colour_needs_one() {
+    let stl = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n\
+               endloop\nendfacet\nendsolid a\n";
+    refused("a.stl", stl, &Options::default(), "an STL file has no colours");
+    let turned = Options { frame: Frame::new("z".parse().unwrap(), None).unwrap(), ..grey() };
+    let mesh = parse_as("a.stl", stl.as_bytes(), &turned).unwrap();
+    assert_eq!(mesh.points, [[0., 0., 0.], [1., 0., 0.], [0., 0., -1.]]);
+    assert_eq!(mesh.colors, [GREY; 3]);
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nf 1 2 3\n";
+    refused("a.obj", obj, &Options::default(), "has no vertex colours and no texture");
+    assert_eq!(parse_as("a.obj", obj.as_bytes(), &grey()).unwrap().colors, [GREY; 4]);
+    let one = obj.replace("v 1 0 0", "v 1 0 0 0.2 0.2 0.2");
+    refused("a.obj", one, &Options::default(), "2 of 3 vertices have no colour");
+    let loose = "v 0 0 0 0 0 0\nv 1 0 0 0 0 0\nv 0 1 0 1 1 1\nv 9 9 9\nf 1 2 3\n";
+    let mesh = parse_as("a.obj", loose.as_bytes(), &Options::default()).unwrap();
+    assert_eq!(mesh.colors[3], [1.0 / 3.0; 3], "no triangle shows it");
+    refused("a.obj", "hello", &grey(), "no vertices");
+    refused("a.obj", "v 0 0 0", &grey(), "has no faces");
+}
+
+#[test]
+fn other_files_are_refused() {
+    let place = tempdir().unwrap();
+    let path = place.path().join("head.fbx");
+    fs::write(&path, "Kaydara FBX").unwrap();
+    let message = read(&path, &Options::default()).unwrap_err().to_string();
+    assert!(message.contains("head.fbx: not a mesh this program reads"), "{message}");
+    assert!(read(&place.path().join("none.obj"), &Options::default()).is_err());
+}
+
+/// A whole file of each format.
+fn files() -> Vec<(&'static str, Vec<u8>)> {
+    let mesh = Mesh {
+        points: TRIANGLE.to_vec(),
+        colors: vec![[0.1; 3], [0.5; 3], [0.9; 3]],
+        triangles: vec![[0, 1, 2]],
+    };
+    let mut stl = vec![b' '; 80];
+    stl.extend(1_u32.to_le_bytes());
+    stl.extend([0; 50]);
+    stl[130] = 9;
+    vec![
+        ("a.glb", glb::encode(&mesh, "a").unwrap()),
+        (
+            "a.gltf",
+            textured_square(&json!({ "baseColorTexture": { "index": 0 } })).to_string().into(),
+        ),
+        ("a.obj", b"v 0 0 0 1 1 1\nv 1 0 0 1 1 1\nv 0 1 0 1 1 1\nvt 0 1\nf 1/1 2/1 -1/-1\n".into()),
+        ("a.stl", stl),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn damaged_files_never_panic(
+        kind in 0..4_usize,
+        places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        cut: bool,
+    ) {
+        let (name, mut bytes) = files().swap_remove(kind);
+        for (at, value) in places {
+            let at = at.index(bytes.len());
+            // Digits for digits keep a text readable, and let its numbers be wrong.
+            bytes[at] = if bytes[at].is_ascii_digit() { b'0' + value % 10 } else { value };
+            if cut && value % 8 == 0 {
+                bytes.truncate(at.max(1));
+            }
+        }
+        if let Ok(mesh) = parse_as(name, &bytes, &grey()) {
+            prop_assert_eq!(mesh.points.len(), mesh.colors.len());
+            prop_assert!(mesh.triangles.as_flattened().iter().all(|&v| (v as usize) < mesh.points.len()));
+            Findings::of(&mesh, 1.0);
+            crate::doctor::mend(&mesh, true);
+        }
+    }
+}
