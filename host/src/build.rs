@@ -6,6 +6,7 @@ use crate::kernel::{Axis, Kernel, Preset, Vertex};
 use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
 use crate::model_file::{Half, ModelParts, OwnedModel};
+use crate::morphable::{Morphable, Process};
 use std::fmt;
 use std::time::Instant;
 
@@ -30,6 +31,20 @@ pub struct BuiltModel {
     pub model: OwnedModel,
     /// Ranks, variances, certificates, times.
     pub report: BuildReport,
+    shape: Decomposition,
+    albedo: Decomposition,
+}
+
+impl BuiltModel {
+    /// The model in the precision it was computed in.
+    pub fn morphable(&self) -> Morphable {
+        let file = Morphable::of(&self.model.view());
+        Morphable {
+            shape: Process::around(&file.shape.mean, &self.shape),
+            albedo: Process::around(&file.albedo.mean, &self.albedo),
+            ..file
+        }
+    }
 }
 
 /// How a build went; displays as a few lines for a person.
@@ -122,7 +137,7 @@ pub fn build(
         albedo: albedo_report,
         layout_seconds: start.elapsed().as_secs_f64(),
     };
-    Ok(BuiltModel { model, report })
+    Ok(BuiltModel { model, report, shape, albedo })
 }
 
 /// Where the model comes from, as TOML. Nothing of the machine it was made on, nor times: equal

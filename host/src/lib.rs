@@ -8,7 +8,8 @@
 //! | scan → mesh | [`ply`], [`mesh`], [`landmarks`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
-//! | models in double precision | [`morphable`] |
+//! | models in double precision, and other programs' files of them | [`morphable`], [`interchange`], [`statismo`], [`bfm2009`] |
+//! | the formats below those | [`mod@hdf5`], [`mat`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
@@ -21,6 +22,8 @@
 
 #[cfg(feature = "full")]
 pub mod bench;
+#[cfg(feature = "full")]
+pub mod bfm2009;
 #[cfg(feature = "full")]
 pub mod build;
 #[cfg(feature = "full")]
@@ -37,8 +40,14 @@ pub mod files;
 pub mod fit;
 pub mod glb;
 #[cfg(feature = "full")]
+pub mod hdf5;
+#[cfg(feature = "full")]
+pub mod interchange;
+#[cfg(feature = "full")]
 pub mod kernel;
 pub mod landmarks;
+#[cfg(feature = "full")]
+pub mod mat;
 pub mod mesh;
 pub mod model_file;
 #[cfg(feature = "full")]
@@ -53,5 +62,7 @@ pub mod report;
 pub mod rps;
 #[cfg(feature = "full")]
 pub mod simd;
+#[cfg(feature = "full")]
+pub mod statismo;
 pub mod summary;
 pub mod tlms;

@@ -5,12 +5,18 @@
 
 use crate::decompose::Decomposition;
 use crate::error::Result;
-use crate::landmarks::Landmark;
+use crate::landmarks::{Landmark, Uncertainty};
 use crate::mesh::Mesh;
 use crate::model_file::{Deviation, Half, ModelParts, OwnedModel};
 use faer::Mat;
 use onescan_core::basis::{Basis, padded};
 use onescan_core::model::Model;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+/// How far the square of a unit column's length may be from one: rounding of a file's entries
+/// takes less.
+const UNIT_TOLERANCE: f64 = 1e-2;
 
 /// A low-rank Gaussian process over V vertices, three numbers each:
 /// `mean + U diag(√λ) c`, `c ~ N(0, I)`, and independent noise on every number.
@@ -32,6 +38,12 @@ pub struct Process {
 }
 
 impl Process {
+    /// A process that is all there is: nothing was left out.
+    pub fn new(mean: Vec<[f32; 3]>, basis: Mat<f64>, variances: Vec<f64>, noise: f64) -> Self {
+        let total_variance = held(&basis, &variances);
+        Self { mean, basis, variances, noise, total_variance }
+    }
+
     /// One half of a `.3dmm` model of so many vertices.
     pub fn of(basis: &Basis<'_>, vertices: usize) -> Self {
         let plane = padded(vertices);
@@ -63,6 +75,11 @@ impl Process {
             noise: 0.0,
             total_variance: deviation.total_variance,
         }
+    }
+
+    /// Trace of the covariance that the components make, `U diag(λ) Uᵀ`.
+    pub fn held(&self) -> f64 {
+        held(&self.basis, &self.variances)
     }
 
     /// Number of components.
@@ -101,6 +118,36 @@ impl Process {
         field
     }
 
+    /// The same process in another unit: every length is so many times what it was.
+    #[must_use]
+    pub fn in_unit(mut self, factor: f64) -> Self {
+        if factor == 1.0 {
+            return self;
+        }
+        let square = factor * factor;
+        self.mean.as_flattened_mut().iter_mut().for_each(|x| *x = (f64::from(*x) * factor) as f32);
+        self.variances.iter_mut().for_each(|v| *v *= square);
+        Self { noise: self.noise * square, total_variance: self.total_variance * square, ..self }
+    }
+
+    /// The same process with columns of norm one and variances to go with them, in descending
+    /// order.
+    #[must_use]
+    pub fn with_unit_columns(&self) -> Self {
+        let norms: Vec<f64> = self.basis.col_iter().map(|u| u.norm_l2()).collect();
+        let variance = |k: usize| self.variances[k] * norms[k] * norms[k];
+        let mut order: Vec<usize> = (0..self.rank()).collect();
+        order.sort_by(|&a, &b| variance(b).total_cmp(&variance(a)));
+        Self {
+            mean: self.mean.clone(),
+            basis: Mat::from_fn(self.basis.nrows(), order.len(), |row, k| {
+                self.basis[(row, order[k])] / norms[order[k]].max(f64::MIN_POSITIVE)
+            }),
+            variances: order.iter().map(|&k| variance(k)).collect(),
+            ..*self
+        }
+    }
+
     /// The first `rank` components.
     #[must_use]
     pub fn truncated(&self, rank: usize) -> Self {
@@ -119,10 +166,7 @@ impl Process {
         let count = vertices.len();
         let row = |i: usize| i / count * self.vertices() + vertices[i % count] as usize;
         let basis = Mat::from_fn(3 * count, self.rank(), |i, k| self.basis[(row(i), k)]);
-        let held = |basis: &Mat<f64>| -> f64 {
-            basis.col_iter().zip(&self.variances).map(|(u, v)| v * u.squared_norm_l2()).sum()
-        };
-        let (before, after) = (held(&self.basis), held(&basis));
+        let (before, after) = (held(&self.basis, &self.variances), held(&basis, &self.variances));
         // What the components never held is assumed to be spread over the vertices like what
         // they hold.
         let share = if before > 0.0 { after / before } else { 1.0 };
@@ -134,6 +178,11 @@ impl Process {
             total_variance: self.total_variance * share,
         }
     }
+}
+
+/// Trace of `U diag(λ) Uᵀ`.
+fn held(basis: &Mat<f64>, variances: &[f64]) -> f64 {
+    basis.col_iter().zip(variances).map(|(u, v)| v * u.squared_norm_l2()).sum()
 }
 
 /// The process with its components as the file wants them.
@@ -168,10 +217,16 @@ pub struct Morphable {
     pub shape: Process,
     /// Colours.
     pub albedo: Process,
+    /// What expressions add to positions, if the model has any; its mean is an offset.
+    pub expression: Option<Process>,
+    /// Positions the model was made around, if they are not the mean.
+    pub reference: Option<Vec<[f32; 3]>>,
     /// Corner indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
     /// Named vertices.
     pub landmarks: Vec<Landmark>,
+    /// By landmark, how sure its place is, where that is known.
+    pub uncertainties: BTreeMap<String, Uncertainty>,
     /// Where the model comes from: TOML.
     pub provenance: String,
 }
@@ -183,23 +238,38 @@ impl Morphable {
         Self {
             shape: Process::of(&model.shape, vertices),
             albedo: Process::of(&model.albedo, vertices),
+            expression: None,
+            reference: None,
             triangles: (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
             landmarks: model
                 .landmarks()
                 .map(|(name, vertex)| Landmark { name: name.to_string(), vertex })
                 .collect(),
+            uncertainties: BTreeMap::new(),
             provenance: model.provenance().to_string(),
         }
     }
 
-    /// The `.3dmm` model. `levels`: see [`ModelParts`]. Noise is left out.
+    /// Positions the model was made around.
+    pub fn reference(&self) -> &[[f32; 3]] {
+        self.reference.as_deref().unwrap_or(&self.shape.mean)
+    }
+
+    /// The `.3dmm` model. `levels`: see [`ModelParts`]. Noise and expressions are left out, and
+    /// columns that are far from unit length brought to it.
     ///
     /// # Errors
     /// See [`ModelParts::to_bytes`].
     pub fn to_model(&self, levels: i16) -> Result<OwnedModel> {
+        let halves = [&self.shape, &self.albedo].map(|process| {
+            let is_unit = |u: f64| (u - 1.0).abs() < UNIT_TOLERANCE;
+            let unit = process.basis.col_iter().all(|u| is_unit(u.squared_norm_l2()));
+            if unit { Cow::Borrowed(process) } else { Cow::Owned(process.with_unit_columns()) }
+        });
+        let [shape, albedo] = &halves;
         let parts = ModelParts {
-            shape: Half { mean: &self.shape.mean, deviation: &Scaled { process: &self.shape } },
-            albedo: Half { mean: &self.albedo.mean, deviation: &Scaled { process: &self.albedo } },
+            shape: Half { mean: &shape.mean, deviation: &Scaled { process: shape } },
+            albedo: Half { mean: &albedo.mean, deviation: &Scaled { process: albedo } },
             triangles: &self.triangles,
             landmarks: &self.landmarks,
             provenance: &self.provenance,
@@ -226,6 +296,15 @@ impl Morphable {
             triangles: self.triangles.clone(),
         }
     }
+}
+
+/// A model from another program's file.
+#[derive(Clone, Debug)]
+pub struct Import {
+    /// The model.
+    pub model: Morphable,
+    /// What in the file is not as it should be, and what was made of it: sentences for a person.
+    pub notes: Vec<String>,
 }
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
 //! `onescan build`.
 
-use super::{file_name, output_file};
+use super::{file_name, model_file};
 use clap::{Args, ValueEnum};
 use onescan::build::{BuildOptions, build};
 use onescan::decompose::Truncation;
 use onescan::error::{Error, Result};
+use onescan::interchange::{self, Format};
 use onescan::kernel::{Axis, PRESETS, Preset};
 use onescan::progress::Console;
 use onescan::{landmarks, ply};
@@ -16,7 +17,7 @@ use std::path::PathBuf;
 pub(super) struct Build {
     /// The scan: PLY with vertex colours.
     scan: PathBuf,
-    /// The model to write, .3dmm.
+    /// The model to write: .3dmm, or for other programs .h5 or .h5.json.
     #[arg(short, long)]
     output: PathBuf,
     /// Kernels: (standard|correlated|symmetric)-(full|rgb|xyz).
@@ -70,7 +71,7 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 
 impl Build {
     pub(super) fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
+        model_file(&self.output)?;
         let scan = ply::read(&self.scan)?;
         let millimetres = match self.unit {
             Unit::Mm => 1.0,
@@ -104,7 +105,19 @@ impl Build {
         })
         .map_err(|e| Error::file(&self.scan, e))?;
         task.finish();
-        built.model.write(&self.output)?;
+        match Format::of(&self.output) {
+            Format::ThreeDmm => built.model.write(&self.output)?,
+            format => {
+                let mut model = built.morphable();
+                if let Some(path) = &self.landmarks {
+                    model.uncertainties = landmarks::read_uncertainties(path)?;
+                }
+                interchange::write(&model, &self.output)?;
+                for lost in interchange::lost(&model, format) {
+                    console.say(format_args!("not in this format: {lost}"));
+                }
+            }
+        }
         console.say(&built.report);
         if landmarks.is_empty() {
             console.say("no --landmarks: the model can be sampled and rendered, but not fitted");

@@ -2,6 +2,7 @@
 
 mod bench;
 mod build;
+mod convert;
 mod demo;
 mod export;
 mod fit;
@@ -11,6 +12,7 @@ mod sample;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
+use onescan::interchange;
 use onescan::progress::Console;
 use std::path::Path;
 
@@ -36,6 +38,7 @@ Examples:
   onescan sample face.3dmm -o samples -n 12
   onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
   onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
+  onescan convert face.3dmm -o face.h5
 
 Same model, photo, landmarks, settings and seed: same fit, to the last bit.";
 
@@ -47,6 +50,8 @@ enum Command {
     Build(build::Build),
     /// Make a smaller model: for a device, for a web page.
     Export(export::Export),
+    /// Write a model for another program, or take one from there.
+    Convert(convert::Convert),
     /// Say what a model holds and where it comes from.
     Info(info::Info),
     /// Draw random instances of a model: meshes, and a sheet of pictures.
@@ -68,6 +73,7 @@ impl Arguments {
             Some(Command::Demo(command)) => command.run(console),
             Some(Command::Build(command)) => command.run(console),
             Some(Command::Export(command)) => command.run(console),
+            Some(Command::Convert(command)) => command.run(console),
             Some(Command::Info(command)) => command.run(),
             Some(Command::Sample(command)) => command.run(console),
             Some(Command::Render(command)) => command.run(console),
@@ -101,6 +107,12 @@ fn output_file(path: &Path) -> Result<()> {
     tempfile::tempfile_in(directory).map(drop).map_err(|e| {
         Error::file(path, format_args!("cannot write: {e}; give -o in a writable directory"))
     })
+}
+
+/// The same of a model, whose name must tell a format that is written.
+fn model_file(path: &Path) -> Result<()> {
+    output_file(path)?;
+    interchange::can_write(path)
 }
 
 /// Parses `WxH`.
