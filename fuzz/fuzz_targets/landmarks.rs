@@ -4,6 +4,10 @@ use libfuzzer_sys::fuzz_target;
 use onescan::landmarks;
 
 fuzz_target!(|data: &str| {
+    let _ = (landmarks::parse_lines(data), landmarks::uncertainties(data));
+    if let Ok(points) = landmarks::parse_points(data) {
+        landmarks::parse_points(&landmarks::to_json(&points)).expect("what is written can be read");
+    }
     let points: Vec<_> = (0..50_u8).map(|i| [f32::from(i), 0.0, 1.0]).collect();
     let Ok(landmarks) = landmarks::parse(data, &points, 1.0) else { return };
     for (i, landmark) in landmarks.iter().enumerate() {

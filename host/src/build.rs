@@ -6,7 +6,7 @@ use crate::kernel::{Kernel, Kernels, Vertex};
 use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
 use crate::model_file::{Half, ModelParts, OwnedModel};
-use crate::morphable::Process;
+use crate::morphable::{Morphable, Process};
 use crate::reference;
 use std::fmt;
 use std::time::Instant;
@@ -33,6 +33,35 @@ pub struct BuiltModel {
     pub model: OwnedModel,
     /// Ranks, variances, certificates, times.
     pub report: BuildReport,
+    shape: Computed,
+    albedo: Computed,
+}
+
+/// One half of a model as it was computed.
+enum Computed {
+    Exact(Decomposition),
+    Sampled(Process),
+}
+
+impl Computed {
+    fn around(&self, mean: &[[f32; 3]]) -> Process {
+        match self {
+            Self::Exact(deviation) => Process::around(mean, deviation),
+            Self::Sampled(process) => process.clone(),
+        }
+    }
+}
+
+impl BuiltModel {
+    /// The model in the precision it was computed in.
+    pub fn morphable(&self) -> Morphable {
+        let file = Morphable::of(&self.model.view());
+        Morphable {
+            shape: self.shape.around(&file.shape.mean),
+            albedo: self.albedo.around(&file.albedo.mean),
+            ..file
+        }
+    }
 }
 
 /// How a build went; displays as a few lines for a person.
@@ -99,7 +128,9 @@ pub fn build(
         Half { mean: &points, deviation: &shape },
         Half { mean: &scan.colors, deviation: &albedo },
     ];
-    lay_out(scan, landmarks, options, halves, [shape_report, albedo_report])
+    let (model, report) = lay_out(scan, landmarks, options, halves, [shape_report, albedo_report])?;
+    let [shape, albedo] = [shape, albedo].map(Computed::Exact);
+    Ok(BuiltModel { model, report, shape, albedo })
 }
 
 /// Builds a model the way the paper's released program does, see [`mod@reference`]. Of the options
@@ -118,7 +149,7 @@ pub fn build_reference(
     let halves =
         reference::reference(&options.kernels, &vertices, [&points, &scan.colors], SEED, progress)?;
     // A model file's variances are those of all vertices together, not of one.
-    let halves = halves.map(Process::normalized);
+    let halves = halves.map(|process| process.with_unit_columns());
     let seconds = start.elapsed().as_secs_f64();
     let [shape, albedo] = &halves;
     let report = |kernel: &Kernel, process: &Process| HalfReport {
@@ -134,7 +165,10 @@ pub fn build_reference(
         Half { mean: &shape.mean, deviation: &deviations[0] },
         Half { mean: &albedo.mean, deviation: &deviations[1] },
     ];
-    lay_out(scan, landmarks, options, halves, reports)
+    let (model, report) = lay_out(scan, landmarks, options, halves, reports)?;
+    drop(deviations);
+    let [shape, albedo] = [shape, albedo].map(|process| Computed::Sampled(process.clone()));
+    Ok(BuiltModel { model, report, shape, albedo })
 }
 
 /// The scan's points in millimetres, and what kernels are evaluated on.
@@ -162,7 +196,7 @@ fn lay_out(
     options: &BuildOptions<'_>,
     [shape, albedo]: [Half<'_>; 2],
     [shape_report, albedo_report]: [HalfReport; 2],
-) -> Result<BuiltModel> {
+) -> Result<(OwnedModel, BuildReport)> {
     let start = Instant::now();
     let parts = ModelParts {
         shape,
@@ -180,7 +214,7 @@ fn lay_out(
         albedo: albedo_report,
         layout_seconds: start.elapsed().as_secs_f64(),
     };
-    Ok(BuiltModel { model, report })
+    Ok((model, report))
 }
 
 /// Where the model comes from, as TOML. Nothing of the machine it was made on, nor times: equal

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::landmarks::Landmark;
 use crate::model_file::OwnedModel;
 use crate::morphable::{Morphable, Process};
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// What to leave.
@@ -109,6 +110,9 @@ pub fn export(model: &OwnedModel, options: &ExportOptions) -> Result<Exported> {
         albedo.rank(),
     );
     let left = Morphable {
+        expression: None,
+        reference: None,
+        uncertainties: BTreeMap::new(),
         triangles: triangles.iter().map(|t| t.map(renumbered)).collect(),
         landmarks: whole
             .landmarks

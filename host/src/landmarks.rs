@@ -1,8 +1,8 @@
 //! Named landmarks on a scan, from the JSON that landmark editors of 3D meshes write.
 
 use crate::error::{Error, Result};
-use serde::Deserialize;
-use std::collections::HashSet;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 /// How far a landmark given by coordinates may lie from the nearest vertex, millimetres.
@@ -17,12 +17,58 @@ pub struct Landmark {
     pub vertex: u32,
 }
 
-/// An entry of the file; further keys (`description`, `uncertainty`) are ignored.
+/// A named point in space, as files of landmarks have it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// Name.
+    pub id: String,
+    /// Where it is, in the unit of the mesh it belongs to.
+    pub coordinates: [f64; 3],
+    /// Words about it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub description: Option<String>,
+    /// How sure its place is, if that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<Uncertainty>,
+}
+
+/// How far a landmark may be from where it was marked: a normal distribution with the covariance
+/// `Σ_k s_k²·v_k v_kᵀ`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Uncertainty {
+    /// Standard deviations `s_k`, in the unit of the coordinates; not negative.
+    pub stddevs: [f64; 3],
+    /// Directions `v_k`.
+    pub pcvectors: [[f64; 3]; 3],
+}
+
+impl Uncertainty {
+    /// The covariance.
+    pub fn covariance(&self) -> [[f64; 3]; 3] {
+        let Self { stddevs: s, pcvectors: v } = self;
+        let entry = |i: usize, j: usize| (0..3).map(|k| s[k] * s[k] * v[k][i] * v[k][j]).sum();
+        std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)))
+    }
+
+    fn is_valid(&self) -> bool {
+        self.stddevs.iter().all(|s| s.is_finite() && *s >= 0.0)
+            && self.pcvectors.as_flattened().iter().all(|v| v.is_finite())
+    }
+}
+
+/// An entry of the file; further keys are ignored.
 #[derive(Deserialize)]
 struct Entry {
     id: String,
     vertex: Option<u64>,
     coordinates: Option<[f32; 3]>,
+    uncertainty: Option<Uncertainty>,
+}
+
+fn entries(text: &str) -> Result<Vec<Entry>> {
+    serde_json::from_str(text).map_err(|e| {
+        Error::new(format_args!("{e}; landmarks are a JSON array of {{\"id\", \"vertex\"}}"))
+    })
 }
 
 /// Reads a landmark file for a scan.
@@ -43,9 +89,7 @@ pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
 /// Malformed JSON (with line and column), empty or repeated names, a vertex out of range,
 /// coordinates that are not finite or farther than [`MAX_DISTANCE`] from every vertex.
 pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
-    let entries: Vec<Entry> = serde_json::from_str(text).map_err(|e| {
-        Error::new(format_args!("{e}; landmarks are a JSON array of {{\"id\", \"vertex\"}}"))
-    })?;
+    let entries = entries(text)?;
     let mut names = HashSet::new();
     let mut landmarks = Vec::new();
     for (i, entry) in entries.iter().enumerate() {
@@ -82,71 +126,111 @@ pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
     Ok(landmarks)
 }
 
-/// Where a landmark is.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Position {
-    /// Name, unique in its list and not empty.
-    pub name: String,
-    /// Millimetres, finite.
-    pub at: [f64; 3],
-    /// Covariance of its error, mm²; none if the file does not say.
-    pub covariance: Option<[[f64; 3]; 3]>,
-}
-
-/// An entry of a file of positions.
-#[derive(Deserialize)]
-struct PositionEntry {
-    id: String,
-    coordinates: [f64; 3],
-    uncertainty: Option<Uncertainty>,
-}
-
-/// Standard deviations along orthonormal directions.
-#[derive(Deserialize)]
-struct Uncertainty {
-    stddevs: [f64; 3],
-    pcvectors: [[f64; 3]; 3],
-}
-
-/// Reads where landmarks are.
+/// Reads the uncertainties of a landmark file.
 ///
 /// # Errors
-/// When the file cannot be read, and those of [`parse_positions`]; they name the file.
-pub fn read_positions(path: &Path) -> Result<Vec<Position>> {
+/// When the file cannot be read, and those of [`uncertainties`]; they name the file.
+pub fn read_uncertainties(path: &Path) -> Result<BTreeMap<String, Uncertainty>> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
-    parse_positions(&text).map_err(|e| Error::file(path, e))
+    uncertainties(&text).map_err(|e| Error::file(path, e))
 }
 
-/// Parses positions, millimetres: a JSON array of `{"id", "coordinates": [x, y, z], "uncertainty"?}`.
-/// An uncertainty is `{"stddevs": [s₁, s₂, s₃], "pcvectors": [v₁, v₂, v₃]}`, vectors of three; it
-/// stands for the covariance `Σ s² v vᵀ`.
+/// The uncertainties in a text that [`parse`] takes, by name; landmarks without one are not there.
 ///
 /// # Errors
-/// Malformed JSON (with line and column), empty or repeated names, numbers that are not finite.
-pub fn parse_positions(text: &str) -> Result<Vec<Position>> {
-    let entries: Vec<PositionEntry> = serde_json::from_str(text).map_err(|e| {
-        Error::new(format_args!("{e}; positions are a JSON array of {{\"id\", \"coordinates\"}}"))
-    })?;
-    let mut names = HashSet::new();
-    let mut positions = Vec::new();
-    for (i, entry) in entries.iter().enumerate() {
-        let fault = |what: &str| Error::new(format_args!("landmark {i} ({:?}): {what}", entry.id));
-        if entry.id.is_empty() || !names.insert(&entry.id) {
-            return Err(fault("the name is empty or taken; names must be unique"));
+/// Malformed JSON; standard deviations that are negative, numbers that are not finite.
+pub fn uncertainties(text: &str) -> Result<BTreeMap<String, Uncertainty>> {
+    let mut known = BTreeMap::new();
+    for entry in entries(text)? {
+        let Some(uncertainty) = entry.uncertainty else { continue };
+        if !uncertainty.is_valid() {
+            return Err(uncertain(&entry.id));
         }
-        let covariance = entry.uncertainty.as_ref().map(|Uncertainty { stddevs, pcvectors }| {
-            let term = |k: usize, i: usize, j: usize| {
-                stddevs[k] * stddevs[k] * pcvectors[k][i] * pcvectors[k][j]
-            };
-            std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| term(k, i, j)).sum()))
-        });
-        let numbers = covariance.iter().flatten().flatten().chain(&entry.coordinates);
-        if !numbers.copied().all(f64::is_finite) {
-            return Err(fault("a number is too large"));
-        }
-        positions.push(Position { name: entry.id.clone(), at: entry.coordinates, covariance });
+        known.insert(entry.id, uncertainty);
     }
-    Ok(positions)
+    Ok(known)
+}
+
+fn uncertain(id: &str) -> Error {
+    Error::new(format_args!(
+        "landmark {id:?}: its uncertainty is negative or not finite; correct or delete it"
+    ))
+}
+
+/// Reads points of a landmark file.
+///
+/// # Errors
+/// When the file cannot be read, and those of [`parse_points`]; they name the file.
+pub fn read_points(path: &Path) -> Result<Vec<Point>> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    parse_points(&text).map_err(|e| Error::file(path, e))
+}
+
+/// Parses points: a JSON array of `{"id", "coordinates": [x, y, z], "description"?,
+/// "uncertainty"?: {"stddevs": [3], "pcvectors": [[3]; 3]}}`.
+///
+/// # Errors
+/// Malformed JSON, empty or repeated names, numbers that are not finite.
+pub fn parse_points(text: &str) -> Result<Vec<Point>> {
+    let points: Vec<Point> = serde_json::from_str(text).map_err(|e| {
+        Error::new(format_args!("{e}; landmarks are a JSON array of {{\"id\", \"coordinates\"}}"))
+    })?;
+    checked(points)
+}
+
+/// Parses points as lines of `id visible x y z`; those that are not visible are left out.
+///
+/// # Errors
+/// Naming the line: another number of fields, a number that is none; and as [`parse_points`].
+pub fn parse_lines(text: &str) -> Result<Vec<Point>> {
+    let mut points = Vec::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        if fields.is_empty() {
+            continue;
+        }
+        let fault = || {
+            let found: String = line.chars().take(60).collect();
+            Error::new(format_args!("line {number}: `{found}`, expected `id visible x y z`"))
+        };
+        let &[id, visible, x, y, z] = &fields[..] else { return Err(fault()) };
+        let visible = visible.parse::<i64>().map_err(|_| fault())? > 0;
+        let mut coordinates = [0.0; 3];
+        for (to, from) in coordinates.iter_mut().zip([x, y, z]) {
+            *to = from.parse::<f32>().map(f64::from).map_err(|_| fault())?;
+        }
+        if visible {
+            let id = id.to_string();
+            points.push(Point { id, coordinates, description: None, uncertainty: None });
+        }
+    }
+    checked(points)
+}
+
+fn checked(points: Vec<Point>) -> Result<Vec<Point>> {
+    let mut names = HashSet::new();
+    for Point { id, coordinates, uncertainty, .. } in &points {
+        if id.is_empty() || !names.insert(id) {
+            return Err(Error::new(format_args!(
+                "landmark {id:?}: the name is empty or taken; names must be unique"
+            )));
+        }
+        if !coordinates.iter().all(|x| x.is_finite()) {
+            return Err(Error::new(format_args!(
+                "landmark {id:?}: coordinates {coordinates:?} are not finite"
+            )));
+        }
+        if uncertainty.is_some_and(|u| !u.is_valid()) {
+            return Err(uncertain(id));
+        }
+    }
+    Ok(points)
+}
+
+/// The points as text for [`parse_points`], with all digits that tell their numbers from others.
+pub fn to_json(points: &[Point]) -> String {
+    // Names and finite numbers cannot fail.
+    serde_json::to_string(points).unwrap_or_default()
 }
 
 /// The point nearest to `at` and its distance; infinitely far if there is none.
@@ -177,6 +261,45 @@ mod tests {
     }
 
     #[test]
+    fn points_keep_their_uncertainty() {
+        let text = r#"[{"id": "a", "coordinates": [0.1, -2, 3e-7], "description": "tip",
+            "uncertainty": {"stddevs": [1, 2, 0.5],
+                            "pcvectors": [[1, 0, 0], [0, 0.6, 0.8], [0, -0.8, 0.6]]}},
+            {"id": "b", "coordinates": [1, 2, 3], "other": true}]"#;
+        let points = parse_points(text).unwrap();
+        assert_eq!(parse_points(&to_json(&points)).unwrap(), points);
+        let covariance = points[0].uncertainty.unwrap().covariance();
+        let expected = [[1.0, 0.0, 0.0], [0.0, 1.6, 1.8], [0.0, 1.8, 2.65]];
+        for (found, expected) in covariance.as_flattened().iter().zip(expected.as_flattened()) {
+            assert!((found - expected).abs() < 1e-12, "{covariance:?}");
+        }
+        let known = uncertainties(text).unwrap();
+        assert_eq!(
+            known.into_iter().collect::<Vec<_>>(),
+            [("a".into(), points[0].uncertainty.unwrap())]
+        );
+        let negative = text.replace("[1, 2, 0.5]", "[1, -2, 0.5]");
+        assert!(parse_points(&negative).is_err() && uncertainties(&negative).is_err());
+    }
+
+    #[test]
+    fn points_are_read_from_lines() {
+        let points = parse_lines("a 1 0.5 -1e2 3\n\nb 0 1 2 3\r\n").unwrap();
+        assert_eq!(points.len(), 1);
+        assert_eq!(points[0].coordinates, [0.5, -100.0, 3.0]);
+        for (text, part) in [
+            ("a 1 2 3", "line 1"),
+            ("a 1 2 3 4\nb 1 x 3 4", "line 2"),
+            ("a yes 2 3 4", "`id visible x y z`"),
+            ("a 1 2 3 nan", "not finite"),
+            ("a 1 2 3 4\na 1 2 3 4", "must be unique"),
+        ] {
+            let message = parse_lines(text).unwrap_err().to_string();
+            assert!(message.contains(part), "{message:?} does not say {part:?}");
+        }
+    }
+
+    #[test]
     fn faults_name_the_landmark() {
         for (text, part) in [
             ("[{\"id\": 3}]", "line 1"),
@@ -196,15 +319,16 @@ mod tests {
         let text = r#"[{"id": "a", "coordinates": [1, 2, 3]},
                        {"id": "b", "coordinates": [0, 0, 0], "uncertainty":
                         {"stddevs": [2, 1, 3], "pcvectors": [[0, 1, 0], [1, 0, 0], [0, 0, 1]]}}]"#;
-        let [a, b] = &parse_positions(text).unwrap()[..] else { panic!("two of them") };
-        assert_eq!((a.at, a.covariance), ([1.0, 2.0, 3.0], None));
-        assert_eq!(b.covariance, Some([[1.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 9.0]]));
+        let [a, b] = &parse_points(text).unwrap()[..] else { panic!("two of them") };
+        assert_eq!((a.coordinates, a.uncertainty), ([1.0, 2.0, 3.0], None));
+        let covariance = b.uncertainty.map(|u| u.covariance());
+        assert_eq!(covariance, Some([[1.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 9.0]]));
         for (text, part) in [
             (r#"[{"id": "a", "vertex": 3}]"#, "missing field `coordinates`"),
-            (r#"[{"id": "", "coordinates": [0, 0, 0]}]"#, "landmark 0 (\"\"): the name"),
+            (r#"[{"id": "", "coordinates": [0, 0, 0]}]"#, "landmark \"\": the name"),
             (r#"[{"id": "a", "coordinates": [1e999, 0, 0]}]"#, "line 1"),
         ] {
-            let message = parse_positions(text).unwrap_err().to_string();
+            let message = parse_points(text).unwrap_err().to_string();
             assert!(message.contains(part), "{message:?} does not say {part:?}");
         }
     }

@@ -5,15 +5,15 @@
 //!
 //! | step | room |
 //! |---|---|
-//! | scan → mesh | [`ply`], [`mesh`], [`landmarks`], [`symmetry`] |
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`mod@reference`], [`build`], [`model_file`] |
-//! | scan → mesh | [`mesh_file`], [`ply`], [`mesh`], [`landmarks`] |
+//! | scan → mesh | [`mesh_file`], [`ply`], [`mesh`], [`landmarks`], [`symmetry`] |
 //! | mesh → mended mesh | [`doctor`] |
-//! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`build`], [`model_file`] |
 //! | model → smaller model | [`export`], [`decimate`] |
 //! | models in double precision, models of models | [`morphable`], [`operate`] |
 //! | how good a model is | [`metrics`], [`surface`], [`rigid`] |
 //! | the paper's experiments | [`experiment`] |
+//! | models in double precision, and other programs' files of them | [`morphable`], [`interchange`], [`statismo`], [`bfm2009`] |
+//! | the formats below those | [`mod@hdf5`], [`mat`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
@@ -26,6 +26,8 @@
 
 #[cfg(feature = "full")]
 pub mod bench;
+#[cfg(feature = "full")]
+pub mod bfm2009;
 #[cfg(feature = "full")]
 pub mod build;
 #[cfg(feature = "full")]
@@ -46,8 +48,14 @@ pub mod files;
 pub mod fit;
 pub mod glb;
 #[cfg(feature = "full")]
+pub mod hdf5;
+#[cfg(feature = "full")]
+pub mod interchange;
+#[cfg(feature = "full")]
 pub mod kernel;
 pub mod landmarks;
+#[cfg(feature = "full")]
+pub mod mat;
 pub mod mesh;
 pub mod mesh_file;
 #[cfg(feature = "full")]
@@ -71,6 +79,8 @@ pub mod rigid;
 pub mod rps;
 #[cfg(feature = "full")]
 pub mod simd;
+#[cfg(feature = "full")]
+pub mod statismo;
 pub mod summary;
 #[cfg(feature = "full")]
 pub mod surface;

@@ -364,7 +364,7 @@ mod tests {
             assert!(pair[1].specificity.mean > pair[0].specificity.mean);
         }
         let last = metrics.shape.last().unwrap();
-        assert!((last.compactness - model.shape.held_variance() / 12.0).abs() < 1e-9);
+        assert!((last.compactness - model.shape.held() / 12.0).abs() < 1e-9);
         // Vertices are never nearer than the surface they are on.
         assert!(last.surface_specificity.unwrap().mean < last.specificity.mean);
         assert_eq!(metrics.albedo[0].surface_specificity, None);

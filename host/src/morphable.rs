@@ -5,12 +5,18 @@
 
 use crate::decompose::Decomposition;
 use crate::error::Result;
-use crate::landmarks::Landmark;
+use crate::landmarks::{Landmark, Uncertainty};
 use crate::mesh::Mesh;
 use crate::model_file::{Deviation, Half, ModelParts, OwnedModel};
 use faer::Mat;
 use onescan_core::basis::{Basis, padded};
 use onescan_core::model::Model;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+/// How far the square of a unit column's length may be from one: rounding of a file's entries
+/// takes less.
+const UNIT_TOLERANCE: f64 = 1e-2;
 
 /// A low-rank Gaussian process over V vertices, three numbers each:
 /// `mean + U diag(√λ) c`, `c ~ N(0, I)`, and independent noise on every number.
@@ -32,6 +38,12 @@ pub struct Process {
 }
 
 impl Process {
+    /// A process that is all there is: nothing was left out.
+    pub fn new(mean: Vec<[f32; 3]>, basis: Mat<f64>, variances: Vec<f64>, noise: f64) -> Self {
+        let total_variance = held(&basis, &variances);
+        Self { mean, basis, variances, noise, total_variance }
+    }
+
     /// One half of a `.3dmm` model of so many vertices.
     pub fn of(basis: &Basis<'_>, vertices: usize) -> Self {
         let plane = padded(vertices);
@@ -65,6 +77,11 @@ impl Process {
         }
     }
 
+    /// Trace of the covariance that the components make, `U diag(λ) Uᵀ`.
+    pub fn held(&self) -> f64 {
+        held(&self.basis, &self.variances)
+    }
+
     /// Number of components.
     pub fn rank(&self) -> usize {
         self.variances.len()
@@ -77,28 +94,7 @@ impl Process {
 
     /// Fraction of the whole variance that the components hold.
     pub fn captured(&self) -> f64 {
-        let held: f64 = self.held().iter().sum();
-        if self.total_variance > 0.0 { held / self.total_variance } else { 1.0 }
-    }
-
-    /// `λ ‖u‖²`: the variance that each component holds over all vertices.
-    pub fn held(&self) -> Vec<f64> {
-        self.basis.col_iter().zip(&self.variances).map(|(u, v)| v * u.squared_norm_l2()).collect()
-    }
-
-    /// The same process with columns of length one.
-    #[must_use]
-    pub fn normalized(mut self) -> Self {
-        let held = self.held();
-        for ((column, variance), held) in self.basis.col_iter_mut().zip(&self.variances).zip(&held)
-        {
-            let length = (held / variance).sqrt();
-            if length > 0.0 {
-                column.iter_mut().for_each(|x| *x /= length);
-            }
-        }
-        self.variances = held;
-        self
+        if self.total_variance > 0.0 { self.held() / self.total_variance } else { 1.0 }
     }
 
     /// What a model file is laid out from.
@@ -132,6 +128,36 @@ impl Process {
         field
     }
 
+    /// The same process in another unit: every length is so many times what it was.
+    #[must_use]
+    pub fn in_unit(mut self, factor: f64) -> Self {
+        if factor == 1.0 {
+            return self;
+        }
+        let square = factor * factor;
+        self.mean.as_flattened_mut().iter_mut().for_each(|x| *x = (f64::from(*x) * factor) as f32);
+        self.variances.iter_mut().for_each(|v| *v *= square);
+        Self { noise: self.noise * square, total_variance: self.total_variance * square, ..self }
+    }
+
+    /// The same process with columns of norm one and variances to go with them, in descending
+    /// order.
+    #[must_use]
+    pub fn with_unit_columns(&self) -> Self {
+        let norms: Vec<f64> = self.basis.col_iter().map(|u| u.norm_l2()).collect();
+        let variance = |k: usize| self.variances[k] * norms[k] * norms[k];
+        let mut order: Vec<usize> = (0..self.rank()).collect();
+        order.sort_by(|&a, &b| variance(b).total_cmp(&variance(a)));
+        Self {
+            mean: self.mean.clone(),
+            basis: Mat::from_fn(self.basis.nrows(), order.len(), |row, k| {
+                self.basis[(row, order[k])] / norms[order[k]].max(f64::MIN_POSITIVE)
+            }),
+            variances: order.iter().map(|&k| variance(k)).collect(),
+            ..*self
+        }
+    }
+
     /// The first `rank` components.
     #[must_use]
     pub fn truncated(&self, rank: usize) -> Self {
@@ -158,10 +184,15 @@ impl Process {
         };
         // What the components never held is assumed to be spread over the vertices like what
         // they hold.
-        let (before, after) = (self.held_variance(), part.held_variance());
+        let (before, after) = (self.held(), part.held());
         let share = if before > 0.0 { after / before } else { 1.0 };
         Self { total_variance: self.total_variance * share, ..part }
     }
+}
+
+/// Trace of `U diag(λ) Uᵀ`.
+fn held(basis: &Mat<f64>, variances: &[f64]) -> f64 {
+    basis.col_iter().zip(variances).map(|(u, v)| v * u.squared_norm_l2()).sum()
 }
 
 /// The process with its components as the file wants them.
@@ -196,10 +227,16 @@ pub struct Morphable {
     pub shape: Process,
     /// Colours.
     pub albedo: Process,
+    /// What expressions add to positions, if the model has any; its mean is an offset.
+    pub expression: Option<Process>,
+    /// Positions the model was made around, if they are not the mean.
+    pub reference: Option<Vec<[f32; 3]>>,
     /// Corner indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
     /// Named vertices.
     pub landmarks: Vec<Landmark>,
+    /// By landmark, how sure its place is, where that is known.
+    pub uncertainties: BTreeMap<String, Uncertainty>,
     /// Where the model comes from: TOML.
     pub provenance: String,
 }
@@ -211,23 +248,38 @@ impl Morphable {
         Self {
             shape: Process::of(&model.shape, vertices),
             albedo: Process::of(&model.albedo, vertices),
+            expression: None,
+            reference: None,
             triangles: (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
             landmarks: model
                 .landmarks()
                 .map(|(name, vertex)| Landmark { name: name.to_string(), vertex })
                 .collect(),
+            uncertainties: BTreeMap::new(),
             provenance: model.provenance().to_string(),
         }
     }
 
-    /// The `.3dmm` model. `levels`: see [`ModelParts`]. Noise is left out.
+    /// Positions the model was made around.
+    pub fn reference(&self) -> &[[f32; 3]] {
+        self.reference.as_deref().unwrap_or(&self.shape.mean)
+    }
+
+    /// The `.3dmm` model. `levels`: see [`ModelParts`]. Noise and expressions are left out, and
+    /// columns that are far from unit length brought to it.
     ///
     /// # Errors
     /// See [`ModelParts::to_bytes`].
     pub fn to_model(&self, levels: i16) -> Result<OwnedModel> {
+        let halves = [&self.shape, &self.albedo].map(|process| {
+            let is_unit = |u: f64| (u - 1.0).abs() < UNIT_TOLERANCE;
+            let unit = process.basis.col_iter().all(|u| is_unit(u.squared_norm_l2()));
+            if unit { Cow::Borrowed(process) } else { Cow::Owned(process.with_unit_columns()) }
+        });
+        let [shape, albedo] = &halves;
         let parts = ModelParts {
-            shape: Half { mean: &self.shape.mean, deviation: &self.shape.deviation() },
-            albedo: Half { mean: &self.albedo.mean, deviation: &self.albedo.deviation() },
+            shape: Half { mean: &shape.mean, deviation: &shape.deviation() },
+            albedo: Half { mean: &albedo.mean, deviation: &albedo.deviation() },
             triangles: &self.triangles,
             landmarks: &self.landmarks,
             provenance: &self.provenance,
@@ -254,6 +306,15 @@ impl Morphable {
             triangles: self.triangles.clone(),
         }
     }
+}
+
+/// A model from another program's file.
+#[derive(Clone, Debug)]
+pub struct Import {
+    /// The model.
+    pub model: Morphable,
+    /// What in the file is not as it should be, and what was made of it: sentences for a person.
+    pub notes: Vec<String>,
 }
 
 #[cfg(test)]

@@ -1,4 +1,7 @@
-//! Render parameters of the reference engine: `.rps` files, version V4.0 of its JSON.
+//! Render parameters of the reference engine: `.rps` files. All versions of its JSON are read,
+//! V4.0 is written.
+
+mod old;
 
 use crate::error::{Error, Result};
 use crate::summary::{check_scene, parse_json, to_json};
@@ -16,7 +19,7 @@ pub struct Rps {
     pub model_uri: String,
 }
 
-/// Version written and read.
+/// Version written.
 const VERSION: &str = "V4.0";
 
 impl Rps {
@@ -29,25 +32,29 @@ impl Rps {
         Self::parse(&text).map_err(|e| Error::file(path, e))
     }
 
-    /// Parses the JSON of version V4.0; unknown fields are ignored.
+    /// Parses the JSON of versions V1.0 to V4.0; unknown fields are ignored.
     ///
     /// A camera that is itself posed (`view` not neutral) is folded into the object's pose and
     /// the light, which shows the same picture. Light beyond the second order is dropped, as the
     /// reference engine's shader does.
     ///
     /// # Errors
-    /// Another version, damaged JSON, and what a [`Scene`] cannot hold: an orthographic camera, no
+    /// A later version, damaged JSON, and what a [`Scene`] cannot hold: an orthographic camera, no
     /// environment map, expressions, more than [`MAX_RANK`] coefficients.
     pub fn parse(text: &str) -> Result<Self> {
         let Versioned { version } = parse_json(text)?;
-        if version != VERSION {
-            let found = if version.is_empty() { "V1.0 (no version)" } else { &version };
-            return Err(Error::new(format_args!(
-                "version: render parameters {found} are not read yet, only {VERSION}; \
-                 scalismo-faces reads any version and writes {VERSION}"
-            )));
-        }
-        let file: File = parse_json(text)?;
+        let file: File = match version.as_str() {
+            VERSION => parse_json(text)?,
+            "V3.0" => parse_json::<old::V3>(text)?.into_v4()?,
+            "V2.0" => parse_json::<old::V2>(text)?.into_v4()?,
+            "" | "legacy" | "V1.0" => parse_json::<old::V1>(text)?.into_v4(),
+            other => {
+                return Err(Error::new(format_args!(
+                    "version: render parameters {other:?} are not read, only V1.0 to {VERSION}; \
+                     scalismo-faces writes {VERSION}"
+                )));
+            }
+        };
         let scene = file.scene()?;
         check_scene(&scene)?;
         Ok(Self { scene: file.view.fold(scene), model_uri: file.momo.model_uri })
@@ -388,10 +395,10 @@ mod tests {
             let back = (0..3).map(|j| view[i][j] * eye[j]).sum::<f32>() + t[i];
             assert!((back - w).abs() < 1e-3, "{back} {w}");
         }
+        let newest = Rps { scene, model_uri };
         for version in ["V1", "V2", "V3"] {
-            let old = folder.join(format!("renderParameters{version}.rps"));
-            let message = Rps::read(&old).unwrap_err().to_string();
-            assert!(message.contains(version) && message.contains("not read yet"), "{message}");
+            let old = Rps::read(&folder.join(format!("renderParameters{version}.rps"))).unwrap();
+            assert_eq!(old, newest, "{version}");
         }
     }
 

@@ -1,4 +1,7 @@
-//! Landmarks in a picture, the `.tlms` text format: `id visible x y` per line.
+//! Landmarks in a picture: the `.tlms` text format, `id visible x y` per line, and the 68 points
+//! of `.pts` files.
+
+mod pts;
 
 use crate::error::{Error, Result};
 use std::fmt::Write as _;
@@ -28,13 +31,24 @@ pub struct Tlms {
 }
 
 impl Tlms {
-    /// Reads a file.
+    /// Reads a file: `.pts` by its extension, anything else as `.tlms`.
     ///
     /// # Errors
-    /// As [`Tlms::parse`], naming the file; a file that cannot be read.
+    /// As [`Tlms::parse`] and [`Tlms::parse_pts`], naming the file; a file that cannot be read.
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
-        Self::parse(&text).map_err(|e| Error::file(path, e))
+        let parse = if Self::is_pts(path) { Self::parse_pts } else { Self::parse };
+        parse(&text).map_err(|e| Error::file(path, e))
+    }
+
+    /// Whether the file's name says that its points are numbered, not named.
+    pub fn is_pts(path: &Path) -> bool {
+        path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("pts"))
+    }
+
+    /// Drops those whose name is none of these: points are numbered whatever the model knows.
+    pub fn keep(&mut self, names: &[&str]) {
+        self.landmarks.retain(|landmark| names.contains(&landmark.id.as_str()));
     }
 
     /// Parses `id visible x y` lines: fields separated by white space, `visible` an integer above

@@ -40,7 +40,7 @@ fn built(scan: &Mesh, options: &BuildOptions<'_>) -> BuiltModel {
 #[test]
 fn a_written_model_is_read_as_it_was_built() {
     let scan = part_of_the_template();
-    let BuiltModel { model, report } = built(&scan, &options(Truncation::Rank(20)));
+    let BuiltModel { model, report, .. } = built(&scan, &options(Truncation::Rank(20)));
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("part.3dmm");
     model.write(&path).unwrap();

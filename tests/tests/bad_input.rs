@@ -316,6 +316,49 @@ fn what_models_are_made_of() {
 }
 
 #[test]
+fn models_of_other_programs() {
+    let place = tempdir().unwrap();
+    let write = |name: &str| {
+        Onescan::new(place.path(), &format!("convert @golden/small.3dmm -o {name}")).succeed();
+        fs::read(place.path().join(name)).unwrap()
+    };
+    let (binary, json) = (write("good.h5"), write("good.h5.json"));
+    let mut cases = Vec::new();
+    for (file, line, whole) in [
+        ("bad.h5", "info bad.h5", &binary),
+        ("bad.h5.json", "info bad.h5.json", &json),
+        ("bad.mat", "info bad.mat", &Vec::new()),
+    ] {
+        cases.push(Case { bytes: None, ..case("missing", file, "", line, "No such file") });
+        cases.push(case("no bytes", file, "", line, file));
+        cases.push(case("a photo", file, fixture("photos/astronaut.png"), line, file));
+        for part in [1, 10, 50, 90, 99] {
+            let what = format!("{part} % of it");
+            cases.push(case(what, file, &whole[..whole.len() * part / 100], line, file));
+        }
+    }
+    let missing = String::from_utf8(json.clone()).unwrap().replace("\"pcaBasis\"", "\"basis\"");
+    for line in [
+        "sample bad.h5.json -o out",
+        "render bad.h5.json -o out.png",
+        "export bad.h5.json -o out.3dmm",
+        "convert bad.h5.json -o out.h5",
+        "fit bad.h5.json @photos/astronaut.png --landmarks @photos/astronaut.tlms -o out",
+    ] {
+        cases.push(case("no basis", "bad.h5.json", &missing[..], line, "shape/model/pcaBasis: "));
+    }
+    for line in [
+        "convert @golden/small.3dmm -o bad.mat",
+        "build @face/template.ply --rank 4 -o bad.mat",
+        "export @golden/small.3dmm -o bad.mat",
+    ] {
+        let only_read = case("only read", "bad.mat", "", line, "read, not written");
+        cases.push(Case { bytes: None, ..only_read });
+    }
+    refuses(cases);
+}
+
+#[test]
 fn a_model_without_landmarks_is_not_fitted() {
     let place = tempdir().unwrap();
     fs::write(place.path().join("scan.ply"), tetrahedron(|text| text)).unwrap();
@@ -451,7 +494,8 @@ fn parameters_of_a_fit() {
         Case { bytes: None, ..bad_rps("missing", "", "No such file") },
         bad_rps("no bytes", "", "line 1"),
         bad_rps("cut in half", &rps[..rps.len() / 2], "line"),
-        bad_rps("another version", &rps.replace("V4.0", "V3.0"), "V3.0"),
+        bad_rps("another version", &rps.replace("V4.0", "V9.0"), "V9.0"),
+        bad_rps("an older one", &rps.replace("V4.0", "V3.0"), "missing field `illumination`"),
         bad_rps("null", &changed(&rps, "roll", "null"), "roll"),
     ]);
 }

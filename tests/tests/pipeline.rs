@@ -150,6 +150,36 @@ fn is_self_contained(html: &str) {
 }
 
 #[test]
+fn a_model_goes_through_other_programs_formats() {
+    let place = tempdir().unwrap();
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+    let info = |name: &str| -> Value {
+        serde_json::from_str(&run(&format!("info {name} --json"))).unwrap()
+    };
+    let build = "build @face/template.ply --landmarks @face/landmarks.json --rank 6 -o";
+    for name in ["face.3dmm", "face.h5", "face.h5.json"] {
+        run(&format!("{build} {name}"));
+    }
+    let (ours, binary, json) = (info("face.3dmm"), info("face.h5"), info("face.h5.json"));
+    assert_eq!(binary["checksum"], json["checksum"], "both hold the same numbers");
+    for field in ["vertices", "triangles", "landmarks"] {
+        assert_eq!(ours[field], binary[field], "{field}");
+    }
+    for half in ["shape", "albedo"] {
+        assert_eq!(ours[half]["variance"], binary[half]["variance"], "{half}");
+    }
+    run("convert face.h5 -o again.3dmm");
+    run("convert face.h5.json -o again.h5");
+    assert_eq!(info("again.3dmm")["checksum"], binary["checksum"]);
+    let bytes = |name: &str| fs::read(place.path().join(name)).unwrap();
+    assert!(bytes("again.h5") == bytes("face.h5"), "nothing was lost on the way");
+    run("render face.3dmm --size 120x120 -o ours.png");
+    run("render face.h5 --size 120x120 -o theirs.png");
+    let picture = |name: &str| photo::read(&place.path().join(name)).unwrap();
+    assert_eq!(picture("ours.png").rgb, picture("theirs.png").rgb, "the mean is the same");
+}
+
+#[test]
 fn the_seed_decides() {
     let place = tempdir().unwrap();
     let fit = |name: &str, seed| fit(place.path(), name, &format!("{SHORT} --seed {seed}"));

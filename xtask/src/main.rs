@@ -6,6 +6,7 @@ mod determinism;
 mod device;
 mod fuzz;
 mod golden;
+mod hdf5;
 mod no_std;
 mod page;
 mod shell;
@@ -50,6 +51,12 @@ const COMMANDS: &[Command] = &[
         usage: "c",
         about: "the C library and its header, and C programs that fit to the golden fingerprint",
         run: c::run,
+    },
+    Command {
+        name: "hdf5",
+        usage: "hdf5",
+        about: "models for other programs, looked at by HDF5's own library (Python's h5py)",
+        run: hdf5::run,
     },
     Command {
         name: "device",

@@ -1,7 +1,7 @@
 //! `cargo xtask test`: everything that must hold, in order, to the first failure.
 
 use crate::shell::{cargo, run as sh, target};
-use crate::{Outcome, c, determinism, device, no_arguments, no_std, page};
+use crate::{Outcome, c, determinism, device, hdf5, no_arguments, no_std, page};
 use std::fs;
 use std::time::{Duration, Instant};
 
@@ -18,6 +18,7 @@ const STAGES: &[Stage] = &[
     Stage { name: "no std", run: no_std::check },
     Stage { name: "tests", run: || sh(&mut cargo(["test", "--workspace", "--release"])) },
     Stage { name: "determinism", run: determinism::check },
+    Stage { name: "HDF5", run: hdf5::check },
     Stage { name: "C", run: c::check },
     Stage { name: "device", run: device::check },
     Stage { name: "browser", run: page::check },

@@ -1,11 +1,12 @@
 //! `onescan build`.
 
 use super::scan::Scan;
-use super::{file_name, output_file};
+use super::{file_name, model_file};
 use clap::{Args, ValueEnum};
 use onescan::build::{BuildOptions, build, build_reference};
 use onescan::decompose::Truncation;
 use onescan::error::{Error, Result};
+use onescan::interchange::{self, Format};
 use onescan::kernel::{Axis, Hyper, Kernels, PRESETS, Preset};
 use onescan::progress::Console;
 use onescan::{landmarks, symmetry};
@@ -17,7 +18,7 @@ use std::path::PathBuf;
 pub(super) struct Build {
     #[command(flatten)]
     scan: Scan,
-    /// The model to write, .3dmm.
+    /// The model to write: .3dmm, or for other programs .h5 or .h5.json.
     #[arg(short, long)]
     output: PathBuf,
     /// Kernels: (standard|correlated|symmetric)-(full|rgb|xyz).
@@ -71,7 +72,7 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 
 impl Build {
     pub(super) fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
+        model_file(&self.output)?;
         let (mut scan, millimetres) = self.scan.read()?;
         let landmarks = match &self.landmarks {
             Some(path) => {
@@ -119,7 +120,19 @@ impl Build {
         })
         .map_err(|e| Error::file(&self.scan.path, e))?;
         task.finish();
-        built.model.write(&self.output)?;
+        match Format::of(&self.output) {
+            Format::ThreeDmm => built.model.write(&self.output)?,
+            format => {
+                let mut model = built.morphable();
+                if let Some(path) = &self.landmarks {
+                    model.uncertainties = landmarks::read_uncertainties(path)?;
+                }
+                interchange::write(&model, &self.output)?;
+                for lost in interchange::lost(&model, format) {
+                    console.say(format_args!("not in this format: {lost}"));
+                }
+            }
+        }
         console.say(&built.report);
         if landmarks.is_empty() {
             console.say("no --landmarks: the model can be sampled and rendered, but not fitted");

@@ -1,17 +1,19 @@
 //! `onescan export`.
 
-use super::output_file;
+use super::model_file;
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::export::{ExportOptions, export};
+use onescan::interchange::{self, Format};
 use onescan::model_file::OwnedModel;
+use onescan::morphable::Morphable;
 use onescan::progress::Console;
 use std::path::PathBuf;
 
 /// Writes a smaller model of the same thing, and says how much variance it lost. Landmarks stay.
 #[derive(Args)]
 pub(super) struct Export {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
     /// The model to write, .3dmm.
     #[arg(short, long)]
@@ -38,7 +40,7 @@ pub(super) struct Export {
 
 impl Export {
     pub(super) fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
+        model_file(&self.output)?;
         let model = OwnedModel::read(&self.model)?;
         let (rank, vertices, bits) = match (self.device, self.page) {
             (true, _) => (30, Some(960), 16),
@@ -52,7 +54,10 @@ impl Export {
             bits: self.bits.unwrap_or(bits),
         };
         let exported = export(&model, &options).map_err(|e| Error::file(&self.model, e))?;
-        exported.model.write(&self.output)?;
+        match Format::of(&self.output) {
+            Format::ThreeDmm => exported.model.write(&self.output)?,
+            _ => interchange::write(&Morphable::of(&exported.model.view()), &self.output)?,
+        }
         console.say(&exported.report);
         console.say(format_args!("wrote {}", self.output.display()));
         Ok(())

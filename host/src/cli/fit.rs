@@ -25,11 +25,11 @@ use std::time::Duration;
 /// result as without the interruption.
 #[derive(Args)]
 pub(super) struct Fit {
-    /// The model, .3dmm, with landmarks.
+    /// The model, with landmarks: .3dmm, .h5 or .h5.json.
     model: PathBuf,
     /// The photo, PNG or JPEG.
     image: PathBuf,
-    /// Landmarks in the photo, .tlms (lines of `name visible x y`).
+    /// Landmarks in the photo: .tlms (lines of `name visible x y`), or .pts (68 points).
     #[arg(long)]
     landmarks: PathBuf,
     /// Directory to write to.
@@ -85,13 +85,16 @@ impl Fit {
         let file = OwnedModel::read(&self.model)?;
         let model = file.view();
         let photo = photo::read(&self.image)?;
-        let landmarks = Tlms::read(&self.landmarks)?;
+        let mut landmarks = Tlms::read(&self.landmarks)?;
         let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
         if names.is_empty() {
             return Err(Error::file(
                 &self.model,
                 "has no landmarks, so nothing says where it is in a photo; build it with --landmarks",
             ));
+        }
+        if Tlms::is_pts(&self.landmarks) {
+            landmarks.keep(&names);
         }
         landmarks
             .check(photo.width, photo.height, &names)

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Also checks the file: a damaged model gives an error that says what and where.
 #[derive(Args)]
 pub(super) struct Info {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
     /// For programs.
     #[arg(long)]

@@ -2,6 +2,7 @@
 
 mod bench;
 mod build;
+mod convert;
 mod demo;
 mod evaluate;
 mod experiment;
@@ -17,6 +18,7 @@ mod scan;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
+use onescan::interchange;
 use onescan::mesh::Mesh;
 use onescan::ply;
 use onescan::progress::Console;
@@ -45,6 +47,7 @@ Examples:
   onescan sample face.3dmm -o samples -n 12
   onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
   onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
+  onescan convert face.3dmm -o face.h5
 
 Same model, photo, landmarks, settings and seed: same fit, to the last bit.";
 
@@ -58,6 +61,8 @@ enum Command {
     Inspect(inspect::Inspect),
     /// Make a smaller model: for a device, for a web page.
     Export(export::Export),
+    /// Write a model for another program, or take one from there.
+    Convert(convert::Convert),
     /// Say what a model holds and where it comes from.
     Info(info::Info),
     /// Draw random instances of a model: meshes, and a sheet of pictures.
@@ -104,6 +109,7 @@ impl Arguments {
             Some(Command::Build(command)) => command.run(console),
             Some(Command::Inspect(command)) => command.run(console),
             Some(Command::Export(command)) => command.run(console),
+            Some(Command::Convert(command)) => command.run(console),
             Some(Command::Info(command)) => command.run(),
             Some(Command::Sample(command)) => command.run(console),
             Some(Command::Modes(command)) => command.run(console),
@@ -172,6 +178,12 @@ fn meshes(places: &[PathBuf]) -> Result<Vec<(PathBuf, Mesh)>> {
         paths[before..].sort();
     }
     paths.into_iter().map(|path| ply::read(&path).map(|mesh| (path, mesh))).collect()
+}
+
+/// The same of a model, whose name must tell a format that is written.
+fn model_file(path: &Path) -> Result<()> {
+    output_file(path)?;
+    interchange::can_write(path)
 }
 
 /// Parses `WxH`.

@@ -4,7 +4,7 @@ use super::{file_name, meshes, output_file, positive};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
-use onescan::landmarks::{self, Position};
+use onescan::landmarks::{self, Point};
 use onescan::model_file::OwnedModel;
 use onescan::morphable::{Morphable, Process};
 use onescan::operate::posterior::Observation;
@@ -168,7 +168,7 @@ fn read(path: &Path) -> Result<Morphable> {
 /// Writes a model and says what it holds.
 fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
     model.to_model(i16::MAX)?.write(path)?;
-    let variance = |process: &Process| process.held_variance() / process.vertices() as f64;
+    let variance = |process: &Process| process.held() / process.vertices() as f64;
     console.say(format_args!(
         "{} vertices; shape: {} components, {:.3} mm² per vertex; albedo: {} components, {:.5}",
         model.shape.vertices(),
@@ -256,7 +256,7 @@ impl Posterior {
         let (mut shape, mut albedo) = (Vec::new(), Vec::new());
         let mut sources = Vec::new();
         if let Some(path) = &self.landmarks {
-            let positions = landmarks::read_positions(path)?;
+            let positions = landmarks::read_points(path)?;
             for position in &positions {
                 shape.push(self.observation(&model, position).map_err(|e| Error::file(path, e))?);
             }
@@ -286,11 +286,11 @@ impl Posterior {
         write(console, &self.output, &posterior)
     }
 
-    fn observation(&self, model: &Morphable, position: &Position) -> Result<Observation> {
-        let landmark = model.landmarks.iter().find(|l| l.name == position.name);
-        let vertex = landmark.ok_or_else(|| model.no_landmark(&position.name))?.vertex;
-        let usual = Observation::isotropic(vertex, position.at, self.noise);
-        let covariance = position.covariance.unwrap_or(usual.covariance);
+    fn observation(&self, model: &Morphable, position: &Point) -> Result<Observation> {
+        let landmark = model.landmarks.iter().find(|l| l.name == position.id);
+        let vertex = landmark.ok_or_else(|| model.no_landmark(&position.id))?.vertex;
+        let usual = Observation::isotropic(vertex, position.coordinates, self.noise);
+        let covariance = position.uncertainty.map_or(usual.covariance, |u| u.covariance());
         Ok(Observation { covariance, ..usual })
     }
 }

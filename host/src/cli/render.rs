@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// the photo's camera sees it; --yaw and --pitch then turn the fitted object further.
 #[derive(Args)]
 pub(super) struct Render {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
     /// The picture to write, PNG.
     #[arg(short, long)]

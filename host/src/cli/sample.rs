@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// Writes `sample_NN.ply` (albedo as vertex colours) and samples.png, a sheet of them all.
 #[derive(Args)]
 pub(super) struct Sample {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
     /// Directory to write to.
     #[arg(short, long)]

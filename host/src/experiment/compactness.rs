@@ -185,7 +185,16 @@ fn deviate(
 
 fn morphable(mesh: &Mesh, shape: Process, albedo: Process) -> Morphable {
     let triangles = mesh.triangles.clone();
-    Morphable { shape, albedo, triangles, landmarks: Vec::new(), provenance: String::new() }
+    Morphable {
+        shape,
+        albedo,
+        expression: None,
+        reference: None,
+        triangles,
+        landmarks: Vec::new(),
+        uncertainties: std::collections::BTreeMap::new(),
+        provenance: String::new(),
+    }
 }
 
 /// Means over models, point by point; standard errors are of these means.

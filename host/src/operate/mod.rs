@@ -66,6 +66,9 @@ pub(crate) mod tests {
         let mut albedo = process(vertices, rank, seed + 100);
         albedo.mean = albedo.mean.iter().map(|c| c.map(|x| 0.5 + 0.01 * x)).collect();
         Morphable {
+            expression: None,
+            reference: None,
+            uncertainties: std::collections::BTreeMap::new(),
             shape: process(vertices, rank, seed),
             albedo,
             triangles: (2..vertices as u32).map(|i| [i - 2, i - 1, i]).collect(),

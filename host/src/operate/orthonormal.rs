@@ -50,11 +50,6 @@ pub fn components(q: &Mat<f64>) -> Result<(Mat<f64>, Vec<f64>)> {
 }
 
 impl Process {
-    /// Variance of all numbers that the components hold: the trace of `Q Qᵀ`.
-    pub fn held_variance(&self) -> f64 {
-        self.basis.col_iter().zip(&self.variances).map(|(u, v)| v * u.squared_norm_l2()).sum()
-    }
-
     /// The same process in orthonormal components, largest variance first. Coefficients mean other
     /// fields than before.
     ///
@@ -111,6 +106,6 @@ mod tests {
         twice.basis.col_mut(1).copy_from(&first);
         let once = twice.orthonormal().unwrap();
         assert_eq!(once.rank(), 1);
-        assert!((once.variances[0] - twice.held_variance()).abs() < 1e-9);
+        assert!((once.variances[0] - twice.held()).abs() < 1e-9);
     }
 }

@@ -58,6 +58,9 @@ impl Morphable {
         Ok(Self {
             shape: Process::of_samples(&points)?,
             albedo: Process::of_samples(&colors)?,
+            expression: None,
+            reference: None,
+            uncertainties: std::collections::BTreeMap::new(),
             triangles: meshes[0].triangles.clone(),
             landmarks,
             provenance: format!(

@@ -98,7 +98,7 @@ impl Process {
 
         let c: Vec<f64> = c.col(0).iter().copied().collect();
         let mean = self.instance(&c).into_iter().map(|p| p.map(|x| x as f32)).collect();
-        let unheld = (self.total_variance - self.held_variance()).max(0.0);
+        let unheld = (self.total_variance - self.held()).max(0.0);
         let posterior = self.with_components(&(q * f), 0.0)?;
         let total_variance = posterior.variances.iter().sum::<f64>() + unheld;
         Ok(Self { mean, total_variance, ..posterior })

@@ -1,0 +1,829 @@
+//! Morphable models in the HDF5 layout of statismo and the reference engine: version 0.9 in and
+//! out, versions 0.8 and 1 in; as `.h5` and as `.h5.json`.
+//!
+//! Files of the Basel face models 2017 and 2019 have this layout. Three parts, `shape`, `color`
+//! and perhaps `expression`, each hold a Gaussian process over the vertices of one reference mesh:
+//!
+//! | dataset | holds |
+//! |---|---|
+//! | `model/mean` (3V) | x, y, z of a vertex after the other; absolute points, RGB, or offsets |
+//! | `model/pcaBasis` (3V, r) | `U`; in version 0.8 `U diag(√λ)` |
+//! | `model/pcaVariance` (r) | `λ` |
+//! | `model/noiseVariance` | variance of the noise |
+//! | `representer/points` (3, V) | the reference, the same in all parts |
+//! | `representer/cells` (3, T) | its triangles |
+//! | `/metadata/landmarks/json` or `text` | named points of the reference |
+
+use crate::error::{Error, Result};
+use crate::hdf5::{Group, Store, Values};
+use crate::landmarks::{self, Landmark, Point, Uncertainty};
+use crate::morphable::{Import, Morphable, Process};
+use faer::Mat;
+use std::collections::{BTreeMap, HashMap};
+
+/// How far a landmark may lie from a vertex of the reference, as a part of the reference's
+/// diagonal: rounding to 32 bits and printing move it less.
+pub const LANDMARK_TOLERANCE: f64 = 1e-4;
+
+/// What reading a number's digits may take from it, likewise.
+const ROUNDING: f64 = 1e-13;
+
+/// Millimetres in a metre, the unit `length-unit` is given in.
+const MILLIMETRES: f64 = 1000.0;
+
+/// Metres that a unit of the coordinates is long; only files written in C++ say so.
+const LENGTH_UNIT: &str = "shape/representer/length-unit";
+
+/// What the format cannot say about when a model was built; nothing reads it.
+const BUILD_TIME: &str = "not recorded";
+
+/// Reads a model.
+///
+/// # Errors
+/// Naming the dataset: what is missing, of another shape, not finite, or out of range; parts over
+/// different references.
+pub fn read(file: &dyn Store) -> Result<Import> {
+    let reader = Reader { file };
+    let (reference, triangles) = reader.reference("shape")?;
+    for part in ["color", "expression"] {
+        if reader.has(part)? && reader.reference(part)?.0 != reference {
+            return Err(Error::new(format_args!(
+                "{part}/representer/points: another reference than the shape's; parts of \
+                 different models cannot be combined"
+            )));
+        }
+    }
+    if !reader.has("color")? {
+        return Err(Error::new(
+            "color/model/mean: there is no such dataset; a model needs shape and colour",
+        ));
+    }
+    reader.is_rgb()?;
+
+    let unit = reader.length_unit()?;
+    let mut notes = Vec::new();
+    let mut uncertainties = BTreeMap::new();
+    let landmarks = reader.landmarks(&reference, &mut uncertainties, &mut notes)?;
+    let vertices = reference.len();
+    let shape = reader.process("shape", vertices)?.in_unit(unit);
+    let reference: Vec<[f32; 3]> =
+        reference.iter().map(|p| p.map(|x| (f64::from(x) * unit) as f32)).collect();
+    if !shape.mean.as_flattened().iter().all(|x| x.is_finite()) {
+        return Err(Error::new(format_args!(
+            "{LENGTH_UNIT}: {unit} mm make coordinates overflow; get the file again"
+        )));
+    }
+    let expression = if reader.has("expression")? {
+        Some(reader.process("expression", vertices)?.in_unit(unit))
+    } else {
+        None
+    };
+    let model = Morphable {
+        reference: (reference != shape.mean).then_some(reference),
+        shape,
+        albedo: reader.process("color", vertices)?,
+        expression,
+        triangles,
+        landmarks,
+        uncertainties,
+        provenance: "format = \"statismo\"\n".into(),
+    };
+    Ok(Import { model, notes })
+}
+
+/// Points and triangles.
+type Surface = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+struct Reader<'a> {
+    file: &'a dyn Store,
+}
+
+impl Reader<'_> {
+    fn has(&self, part: &str) -> Result<bool> {
+        Ok(self.file.shape(&format!("{part}/model/mean"))?.is_some())
+    }
+
+    /// Numbers of a dataset of that shape, all finite.
+    fn numbers(&self, path: &str, shape: &[usize]) -> Result<Vec<f64>> {
+        let found = self.file.shape(path)?;
+        if found.as_ref().is_some_and(|found| !same(found, shape)) {
+            return Err(Error::new(format_args!(
+                "{path}: shape {:?}, expected {shape:?}; the file is damaged, get it again",
+                found.unwrap_or_default()
+            )));
+        }
+        let numbers = self.file.numbers(path)?;
+        // A dataset that was made and never filled has none.
+        if numbers.len() != shape.iter().product::<usize>() {
+            return Err(Error::new(format_args!(
+                "{path}: {} numbers, expected {shape:?}; the file is incomplete, get it again",
+                numbers.len()
+            )));
+        }
+        if let Some(i) = numbers.iter().position(|x| !(*x as f32).is_finite()) {
+            return Err(Error::new(format_args!(
+                "{path}: entry {i} is {}; the file is damaged, get it again",
+                numbers[i]
+            )));
+        }
+        Ok(numbers)
+    }
+
+    /// Lengths of the axes of a dataset that has two.
+    fn matrix(&self, path: &str) -> Result<Option<[usize; 2]>> {
+        let Some(shape) = self.file.shape(path)? else { return Ok(None) };
+        let lengths: Vec<usize> = shape.iter().filter_map(|&n| usize::try_from(n).ok()).collect();
+        let lengths = <[usize; 2]>::try_from(lengths);
+        lengths.map(Some).map_err(|_| {
+            Error::new(format_args!("{path}: shape {shape:?}, expected two axes; get it again"))
+        })
+    }
+
+    /// A single number, written with or without an axis.
+    fn single(&self, path: &str) -> Result<Option<f64>> {
+        match self.file.shape(path)? {
+            None => Ok(None),
+            Some(shape) if shape.is_empty() => Ok(self.numbers(path, &[])?.first().copied()),
+            Some(_) => Ok(self.numbers(path, &[1])?.first().copied()),
+        }
+    }
+
+    /// Points and triangles of a part's reference, in the file's unit.
+    fn reference(&self, part: &str) -> Result<Surface> {
+        // Names and layouts of old files differ.
+        let old = format!("{part}/representer/reference-mesh");
+        let points_at = format!("{part}/representer/points");
+        let cells_at = format!("{part}/representer/cells");
+        let old_points_at = format!("{old}/vertex-coordinates");
+        let old_cells_at = format!("{old}/triangle-list");
+        let points = match self.matrix(&points_at)? {
+            Some([3, n]) => planes(&self.numbers(&points_at, &[3, n])?),
+            Some(shape) => return Err(wrong_axes(&points_at, shape, "[3, vertices]")),
+            None => match self.matrix(&old_points_at)? {
+                Some([n, 3]) => rows(&self.numbers(&old_points_at, &[n, 3])?),
+                Some(shape) => return Err(wrong_axes(&old_points_at, shape, "[vertices, 3]")),
+                None => return Err(missing(&points_at)),
+            },
+        };
+        let (cells_at, cells) = match self.matrix(&cells_at)? {
+            Some([3, t]) => {
+                let cells = planes(&self.numbers(&cells_at, &[3, t])?);
+                (cells_at, cells)
+            }
+            Some(shape) => return Err(wrong_axes(&cells_at, shape, "[3, triangles]")),
+            None => match self.matrix(&old_cells_at)? {
+                Some([t, 3]) => {
+                    let cells = rows(&self.numbers(&old_cells_at, &[t, 3])?);
+                    (old_cells_at, cells)
+                }
+                Some(shape) => return Err(wrong_axes(&old_cells_at, shape, "[triangles, 3]")),
+                None => return Err(missing(&cells_at)),
+            },
+        };
+        if points.is_empty() || cells.is_empty() {
+            return Err(Error::new(format_args!("{part}/representer: the mesh is empty")));
+        }
+        let count = points.len();
+        let valid = |v: f64| v >= 0.0 && v < count as f64 && v.fract() == 0.0;
+        if let Some(i) = cells.iter().position(|cell| !cell.iter().all(|&v| valid(v))) {
+            return Err(Error::new(format_args!(
+                "{cells_at}: triangle {i} is {:?}, there are {count} vertices; the file is \
+                 damaged, get it again",
+                cells[i]
+            )));
+        }
+        let points = points.iter().map(|p| p.map(|x| x as f32)).collect();
+        Ok((points, cells.iter().map(|cell| cell.map(|v| v as u32)).collect()))
+    }
+
+    fn is_rgb(&self) -> Result<()> {
+        const PATH: &str = "color/representer/colorspace";
+        if self.file.shape(PATH)?.is_none() {
+            return Ok(());
+        }
+        let space = self.file.text(PATH)?;
+        if space.trim() == "RGB" {
+            Ok(())
+        } else {
+            Err(Error::new(format_args!("{PATH}: {space:?}, only RGB is read; convert the model")))
+        }
+    }
+
+    /// Millimetres per unit of the file: one unless it says otherwise.
+    fn length_unit(&self) -> Result<f64> {
+        match self.single(LENGTH_UNIT)? {
+            // 0.001 in 32 bits is not a thousandth.
+            Some(unit) if (unit * MILLIMETRES - 1.0).abs() < 1e-6 => Ok(1.0),
+            Some(unit) if unit > 0.0 => Ok(unit * MILLIMETRES),
+            Some(unit) => Err(Error::new(format_args!("{LENGTH_UNIT}: {unit} m is no length"))),
+            None => Ok(1.0),
+        }
+    }
+
+    /// Whether a part's columns are `U√λ` rather than `U`: versions before 0.9.
+    fn is_scaled(&self, part: &str) -> Result<bool> {
+        let version = |name: &str| self.single(&format!("{part}/version/{name}"));
+        Ok(match (version("majorVersion")?, version("minorVersion")?) {
+            (Some(0.0), Some(minor)) => minor < 9.0,
+            (Some(_), _) => false,
+            (None, _) => true,
+        })
+    }
+
+    fn process(&self, part: &str, vertices: usize) -> Result<Process> {
+        let path = |name: &str| format!("{part}/model/{name}");
+        let length = 3 * vertices;
+        let mean = rows(&self.numbers(&path("mean"), &[length])?);
+        let basis_at = path("pcaBasis");
+        let Some([_, rank]) = self.matrix(&basis_at)? else { return Err(missing(&basis_at)) };
+        let mut variances = self.numbers(&path("pcaVariance"), &[rank])?;
+        if let Some(k) = variances.iter().position(|v| *v < 0.0) {
+            return Err(Error::new(format_args!(
+                "{}: entry {k} is {}, a variance is not negative; get the file again",
+                path("pcaVariance"),
+                variances[k]
+            )));
+        }
+        let entries = self.numbers(&basis_at, &[length, rank])?;
+        let scale: Vec<f64> = if self.is_scaled(part)? {
+            // What a component without variance adds cannot be told from nothing.
+            variances.iter().map(|v| if *v > 1e-16 { 1.0 / v.sqrt() } else { 0.0 }).collect()
+        } else {
+            vec![1.0; rank]
+        };
+        let basis = Mat::from_fn(length, rank, |row, k| {
+            scale[k] * entries[(row % vertices * 3 + row / vertices) * rank + k]
+        });
+        drop(entries);
+        let noise = self.single(&path("noiseVariance"))?.unwrap_or(0.0);
+        if noise < 0.0 {
+            return Err(Error::new(format_args!(
+                "{}: {noise}, a variance is not negative; get the file again",
+                path("noiseVariance")
+            )));
+        }
+        variances.shrink_to_fit();
+        let mean = mean.iter().map(|p| p.map(|x| x as f32)).collect();
+        Ok(Process::new(mean, basis, variances, noise))
+    }
+
+    /// Landmarks as vertices of the reference, in the file's unit.
+    fn landmarks(
+        &self,
+        reference: &[[f32; 3]],
+        uncertainties: &mut BTreeMap<String, Uncertainty>,
+        notes: &mut Vec<String>,
+    ) -> Result<Vec<Landmark>> {
+        const JSON: &str = "metadata/landmarks/json";
+        const TEXT: &str = "metadata/landmarks/text";
+        let (path, points) = if self.file.shape(JSON)?.is_some() {
+            (JSON, landmarks::parse_points(&self.file.text(JSON)?))
+        } else if self.file.shape(TEXT)?.is_some() {
+            (TEXT, landmarks::parse_lines(&self.file.text(TEXT)?))
+        } else {
+            return Ok(Vec::new());
+        };
+        let points = points.map_err(|e| Error::new(format_args!("{path}: {e}")))?;
+        let index = Index::new(reference);
+        let mut found = Vec::new();
+        let (mut moved, mut left_out) = (Vec::new(), Vec::new());
+        for point in points {
+            let (vertex, distance) = index.nearest(point.coordinates);
+            if !(distance <= LANDMARK_TOLERANCE * index.diagonal) {
+                left_out.push(point.id);
+                continue;
+            }
+            if distance > ROUNDING * index.diagonal {
+                moved.push(distance);
+            }
+            if let Some(uncertainty) = point.uncertainty {
+                uncertainties.insert(point.id.clone(), uncertainty);
+            }
+            found.push(Landmark { name: point.id, vertex });
+        }
+        if !moved.is_empty() {
+            let most = moved.iter().fold(0.0_f64, |most, d| most.max(*d));
+            notes.push(format!(
+                "{} of {} landmarks are not exactly at a vertex of the reference (up to {most:.1e} \
+                 away); the nearest was taken",
+                moved.len(),
+                found.len()
+            ));
+        }
+        if !left_out.is_empty() {
+            notes.push(format!("left out, as they are at no vertex: {}", left_out.join(", ")));
+        }
+        Ok(found)
+    }
+}
+
+fn missing(path: &str) -> Error {
+    Error::new(format_args!("{path}: there is no such dataset; is this a morphable model?"))
+}
+
+fn wrong_axes(path: &str, found: [usize; 2], expected: &str) -> Error {
+    Error::new(format_args!("{path}: shape {found:?}, expected {expected}; get the file again"))
+}
+
+fn same(found: &[u64], expected: &[usize]) -> bool {
+    found.len() == expected.len() && found.iter().zip(expected).all(|(a, b)| *a == *b as u64)
+}
+
+/// Triples that lie one after the other.
+fn rows(numbers: &[f64]) -> Vec<[f64; 3]> {
+    numbers.as_chunks().0.to_vec()
+}
+
+/// Triples whose first numbers lie one after the other, then their second, then their third.
+fn planes(numbers: &[f64]) -> Vec<[f64; 3]> {
+    let n = numbers.len() / 3;
+    (0..n).map(|i| [numbers[i], numbers[n + i], numbers[2 * n + i]]).collect()
+}
+
+/// Finds vertices by their coordinates.
+struct Index<'a> {
+    points: &'a [[f32; 3]],
+    exact: HashMap<[u64; 3], u32>,
+    diagonal: f64,
+}
+
+impl<'a> Index<'a> {
+    fn new(points: &'a [[f32; 3]]) -> Self {
+        let mut exact = HashMap::new();
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for (i, p) in points.iter().enumerate() {
+            let p = p.map(f64::from);
+            exact.entry(key(p)).or_insert(i as u32);
+            for axis in 0..3 {
+                low[axis] = low[axis].min(p[axis]);
+                high[axis] = high[axis].max(p[axis]);
+            }
+        }
+        Self { points, exact, diagonal: distance(low, high) }
+    }
+
+    /// The vertex at or nearest to `at`, and how far it is.
+    fn nearest(&self, at: [f64; 3]) -> (u32, f64) {
+        if let Some(&vertex) = self.exact.get(&key(at)) {
+            return (vertex, 0.0);
+        }
+        let far = |p: &[f32; 3]| distance(p.map(f64::from), at);
+        (0..)
+            .zip(self.points.iter().map(far))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((0, f64::INFINITY))
+    }
+}
+
+/// Bits of coordinates; adding zero makes both zeros one.
+fn key(p: [f64; 3]) -> [u64; 3] {
+    p.map(|x| (x + 0.0).to_bits())
+}
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+}
+
+/// The groups and datasets of a model, as the reference engine writes them.
+///
+/// `U` is rounded to 32 bits. Landmarks get the coordinates of their vertices in the reference,
+/// exactly, as its reader wants them.
+pub fn write(model: &Morphable) -> Group {
+    let mut root = Group::default();
+    let parts = [
+        ("shape", "gravis::MeshShapeRepresenter", Some(&model.shape)),
+        ("color", "gravis::MeshColorRepresenter", Some(&model.albedo)),
+        ("expression", "gravis::MeshExpressionRepresenter", model.expression.as_ref()),
+    ];
+    put_version(&mut root, "");
+    put_entry(&mut root, "MorphableModel", "/", "CUSTOM_MODEL");
+    for (part, representer, process) in parts {
+        let Some(process) = process else { continue };
+        let (path, kind) = match part {
+            // Two slashes: so does the engine.
+            "shape" => ("//shape".to_string(), "POLYGON_MESH_MODEL"),
+            _ => (format!("/{part}"), "POLYGON_MESH_DATA_MODEL"),
+        };
+        put_entry(&mut root, &format!("MorphableModel.{part}"), &path, kind);
+        put_version(&mut root, &format!("{part}/"));
+        put_process(&mut root, part, process);
+        put_reference(&mut root, part, model);
+        root.group(&format!("{part}/representer")).attributes =
+            vec![("name", representer), ("datasetType", "POLYGON_MESH")];
+    }
+    root.put("color/representer/colorspace", &[1], Values::Text("RGB\0".into()));
+    let points: Vec<Point> = model
+        .landmarks
+        .iter()
+        .map(|landmark| Point {
+            id: landmark.name.clone(),
+            coordinates: model.reference()[landmark.vertex as usize].map(f64::from),
+            description: None,
+            uncertainty: model.uncertainties.get(&landmark.name).copied(),
+        })
+        .collect();
+    root.put("metadata/landmarks/json", &[1], Values::Text(landmarks::to_json(&points)));
+    root
+}
+
+fn put_version(root: &mut Group, part: &str) {
+    root.put(&format!("{part}version/majorVersion"), &[], Values::I32(vec![0]));
+    root.put(&format!("{part}version/minorVersion"), &[], Values::I32(vec![9]));
+}
+
+fn put_entry(root: &mut Group, name: &str, path: &str, kind: &str) {
+    for (field, text) in [("modelPath", path), ("modelType", kind)] {
+        root.put(&format!("catalog/{name}/{field}"), &[1], Values::Text(text.into()));
+    }
+}
+
+fn put_process(root: &mut Group, part: &str, process: &Process) {
+    let (vertices, rank) = (process.vertices(), process.rank());
+    let mut put = |name: &str, shape: &[usize], values: Vec<f32>| {
+        root.put(&format!("{part}/model/{name}"), shape, Values::F32(values));
+    };
+    put("mean", &[3 * vertices], process.mean.as_flattened().to_vec());
+    put("noiseVariance", &[1], vec![process.noise as f32]);
+    let mut entries = Vec::with_capacity(3 * vertices * rank);
+    for vertex in 0..vertices {
+        for channel in 0..3 {
+            let row = process.basis.row(channel * vertices + vertex);
+            entries.extend(row.iter().map(|x| *x as f32));
+        }
+    }
+    put("pcaBasis", &[3 * vertices, rank], entries);
+    put("pcaVariance", &[rank], process.variances.iter().map(|v| *v as f32).collect());
+    root.put(&format!("{part}/modelinfo/build-time"), &[1], Values::Text(BUILD_TIME.into()));
+    root.put(&format!("{part}/modelinfo/scores"), &[1, 1], Values::F32(vec![0.0]));
+}
+
+fn put_reference(root: &mut Group, part: &str, model: &Morphable) {
+    let (points, cells) = (model.reference(), &model.triangles);
+    let planes = |k: usize| points.iter().map(move |p| p[k]);
+    let corners = |k: usize| cells.iter().map(move |t| t[k].cast_signed());
+    let values = Values::F32((0..3).flat_map(planes).collect());
+    root.put(&format!("{part}/representer/points"), &[3, points.len()], values);
+    let values = Values::I32((0..3).flat_map(corners).collect());
+    root.put(&format!("{part}/representer/cells"), &[3, cells.len()], values);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::interchange::{Format, lost, parse, to_bytes};
+    use crate::summary::parse_json;
+    use proptest::prelude::*;
+    use serde_json::{Value, json};
+    use std::path::PathBuf;
+
+    fn process(seed: u64, vertices: usize, rank: usize) -> Process {
+        let number = |i: usize| {
+            // Numbers that 32 bits hold, of any sign.
+            let hash = (i as u64 + 1000 * seed).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            f64::from((hash >> 40) as i32 % 1000 - 500) / 64.0
+        };
+        let mean = (0..vertices).map(|v| [0, 1, 2].map(|k| number(3 * v + k) as f32)).collect();
+        let basis =
+            Mat::from_fn(3 * vertices, rank, |row, k| f64::from(number(row * 7 + k) as f32));
+        let variances = (0..rank).map(|k| 4.0 / (k + 1) as f64).map(|v| f64::from(v as f32));
+        Process::new(mean, basis, variances.collect(), 0.25)
+    }
+
+    fn example() -> Morphable {
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let uncertainty = Uncertainty { stddevs: [0.5, 1.0, 2.0], pcvectors: axes };
+        Morphable {
+            shape: process(1, 6, 3),
+            albedo: process(2, 6, 2),
+            expression: Some(process(3, 6, 1)),
+            reference: Some(process(4, 6, 0).mean),
+            triangles: vec![[0, 1, 2], [3, 4, 5], [0, 5, 3]],
+            landmarks: vec![
+                Landmark { name: "tip".into(), vertex: 4 },
+                Landmark { name: "œil".into(), vertex: 1 },
+            ],
+            uncertainties: [("tip".to_string(), uncertainty)].into(),
+            provenance: "format = \"statismo\"\n".into(),
+        }
+    }
+
+    fn same_process(a: &Process, b: &Process) {
+        assert_eq!(a.mean, b.mean);
+        assert_eq!(a.variances, b.variances);
+        assert_eq!(a.basis, b.basis);
+        assert_eq!(a.noise, b.noise);
+    }
+
+    #[track_caller]
+    fn same_model(a: &Morphable, b: &Morphable) {
+        same_process(&a.shape, &b.shape);
+        same_process(&a.albedo, &b.albedo);
+        same_process(a.expression.as_ref().unwrap(), b.expression.as_ref().unwrap());
+        assert_eq!(a.reference, b.reference);
+        assert_eq!(a.triangles, b.triangles);
+        assert_eq!(a.landmarks, b.landmarks);
+        assert_eq!(a.uncertainties, b.uncertainties);
+        assert_eq!(a.provenance, b.provenance);
+    }
+
+    #[test]
+    fn what_is_written_reads_back_to_the_last_bit() {
+        for format in [Format::Hdf5, Format::Hdf5Json] {
+            let bytes = to_bytes(&example(), format).unwrap();
+            let import = parse(format, bytes.clone()).unwrap();
+            assert_eq!(import.notes, [""; 0]);
+            same_model(&import.model, &example());
+            assert!(to_bytes(&import.model, format).unwrap() == bytes, "{format:?}");
+        }
+    }
+
+    #[test]
+    fn a_model_without_components_is_one() {
+        let rigid = Morphable {
+            shape: process(1, 6, 0),
+            albedo: process(2, 6, 0),
+            expression: None,
+            ..example()
+        };
+        for format in [Format::Hdf5, Format::Hdf5Json] {
+            let bytes = to_bytes(&rigid, format).unwrap();
+            let model = parse(format, bytes).unwrap().model;
+            same_process(&model.shape, &rigid.shape);
+            assert!(model.expression.is_none());
+        }
+    }
+
+    #[test]
+    fn a_3dmm_of_columns_of_any_length_deforms_the_same() {
+        let model = example();
+        let file = model.to_model(i16::MAX).unwrap();
+        let back = Morphable::of(&file.view());
+        // Components are in another order there.
+        let covariance = |process: &Process| {
+            let q = process.scaled_basis();
+            &q * q.transpose()
+        };
+        let (a, b) = (covariance(&model.shape), covariance(&back.shape));
+        let error = (&a - &b).norm_max() / a.norm_max();
+        assert!(error < 1e-3, "{error}");
+        assert!((back.shape.total_variance / model.shape.held() - 1.0).abs() < 1e-12);
+        let words = lost(&model, Format::ThreeDmm).join("; ");
+        for part in ["noise of the shape", "noise of the albedo", "expressions (1", "reference"] {
+            assert!(words.contains(part), "{words}");
+        }
+    }
+
+    /// The example as JSON, with something changed.
+    fn changed(change: impl FnOnce(&mut Edit)) -> Result<Import> {
+        let bytes = to_bytes(&example(), Format::Hdf5Json).unwrap();
+        let mut edit = Edit(parse_json(std::str::from_utf8(&bytes).unwrap()).unwrap());
+        change(&mut edit);
+        parse(Format::Hdf5Json, edit.0.to_string().into_bytes())
+    }
+
+    struct Edit(Value);
+
+    impl Edit {
+        /// The dataset at a path.
+        fn at(&mut self, path: &str) -> &mut Value {
+            let datasets = self.0["datasets"].as_object_mut().unwrap();
+            datasets.values_mut().find(|d| d["alias"][0] == format!("/{path}")).unwrap()
+        }
+
+        fn remove(&mut self, path: &str) {
+            let groups = self.0["groups"].as_object_mut().unwrap();
+            let (group, name) = path.rsplit_once('/').unwrap();
+            let group = groups.values_mut().find(|g| g["alias"][0] == format!("/{group}")).unwrap();
+            group["links"].as_array_mut().unwrap().retain(|link| link["title"] != name);
+        }
+
+        fn set(&mut self, path: &str, shape: &[i32], value: Value) {
+            let dataset = self.at(path);
+            dataset["shape"] = json!({ "dims": shape });
+            dataset["value"] = value;
+        }
+    }
+
+    #[test]
+    fn version_0_8_has_scaled_columns() {
+        let import = changed(|edit| {
+            for part in ["shape", "color", "expression"] {
+                edit.remove(&format!("{part}/version"));
+            }
+        })
+        .unwrap();
+        let q = import.model.shape.scaled_basis();
+        let error = (&q - &example().shape.basis).norm_max();
+        assert!(error < 1e-12, "the file's columns are U√λ: {error}");
+    }
+
+    #[test]
+    fn old_names_of_the_reference_are_read() {
+        let import = changed(|edit| {
+            for part in ["shape", "color", "expression"] {
+                let transposed = |value: &Value| -> Value {
+                    let at = |i: usize, k: usize| value[k][i].clone();
+                    let n = value[0].as_array().unwrap().len();
+                    (0..n).map(|i| json!([at(i, 0), at(i, 1), at(i, 2)])).collect()
+                };
+                let mut links = Vec::new();
+                for (new, old) in [("points", "vertex-coordinates"), ("cells", "triangle-list")] {
+                    let dataset = edit.at(&format!("{part}/representer/{new}"));
+                    dataset["value"] = transposed(&dataset["value"]);
+                    let n = dataset["value"].as_array().unwrap().len();
+                    dataset["shape"]["dims"] = json!([n, 3]);
+                    let id = format!("{part}-{new}");
+                    let dataset = dataset.clone();
+                    edit.0["datasets"][&id] = dataset;
+                    links.push(json!({"collection": "datasets", "id": id, "title": old}));
+                    edit.remove(&format!("{part}/representer/{new}"));
+                }
+                let id = format!("{part}-mesh");
+                edit.0["groups"][&id] = json!({ "links": links, "alias": ["x"] });
+                let groups = edit.0["groups"].as_object_mut().unwrap();
+                let path = format!("/{part}/representer");
+                let group = groups.values_mut().find(|g| g["alias"][0] == path).unwrap();
+                let link = json!({"collection": "groups", "id": id, "title": "reference-mesh"});
+                group["links"].as_array_mut().unwrap().push(link);
+            }
+        })
+        .unwrap();
+        same_model(&import.model, &example());
+    }
+
+    #[test]
+    fn a_unit_of_length_is_kept_to() {
+        let import = changed(|edit| {
+            let mut unit = edit.at("shape/model/noiseVariance").clone();
+            unit["value"] = json!(0.01);
+            unit["shape"] = json!({});
+            edit.0["datasets"]["unit"] = unit;
+            let groups = edit.0["groups"].as_object_mut().unwrap();
+            let group =
+                groups.values_mut().find(|g| g["alias"][0] == "/shape/representer").unwrap();
+            let link = json!({"collection": "datasets", "id": "unit", "title": "length-unit"});
+            group["links"].as_array_mut().unwrap().push(link);
+        })
+        .unwrap();
+        let (found, centimetres) = (import.model.shape, example().shape);
+        for (a, b) in found.instance(&[1.0]).iter().zip(centimetres.instance(&[1.0])) {
+            assert!((a[0] - 10.0 * b[0]).abs() < 1e-3, "{a:?} {b:?}");
+        }
+        assert_eq!(import.model.landmarks, example().landmarks);
+    }
+
+    #[test]
+    fn landmarks_off_their_vertices_are_told() {
+        let moved = |by: f64| {
+            let at = example().reference()[4].map(f64::from);
+            let text = json!([{"id": "tip", "coordinates": [at[0] + by, at[1], at[2]]}]);
+            changed(|edit| {
+                edit.at("metadata/landmarks/json")["value"] = json!(text.to_string());
+            })
+            .unwrap()
+        };
+        assert_eq!(moved(0.0).notes, [""; 0]);
+        let near = moved(1e-5);
+        assert_eq!(near.model.landmarks, example().landmarks[..1]);
+        assert!(near.notes[0].starts_with("1 of 1 landmarks are not exactly"), "{:?}", near.notes);
+        let far = moved(0.1);
+        assert!(far.model.landmarks.is_empty());
+        assert!(far.notes[0].contains("at no vertex: tip"), "{:?}", far.notes);
+    }
+
+    #[test]
+    fn faults_name_the_dataset() {
+        type Change = fn(&mut Edit);
+        let cases: [(Change, &str); 22] = [
+            (|e| e.remove("shape/model/mean"), "shape/model/mean: there is no such"),
+            (|e| e.remove("color/model/mean"), "color/model/mean: there is no such"),
+            (|e| e.remove("shape/model/pcaBasis"), "shape/model/pcaBasis: there is no such"),
+            (|e| e.remove("color/model/pcaVariance"), "color/model/pcaVariance: there is no such"),
+            (|e| e.remove("shape/representer/points"), "shape/representer/points: there is no"),
+            (|e| e.remove("shape/representer/cells"), "shape/representer/cells: there is no such"),
+            (|e| e.set("shape/model/mean", &[3], json!([1, 2, 3])), "mean: shape [3], exp"),
+            (|e| e.set("shape/model/mean", &[6, 3], json!([])), "mean: shape [6, 3], exp"),
+            (|e| e.set("shape/model/pcaBasis", &[18], json!([])), "pcaBasis: shape [18]"),
+            (|e| e.set("shape/model/pcaBasis", &[17, 3], json!([])), "shape [17, 3], exp"),
+            (|e| e.set("shape/model/pcaVariance", &[2], json!([1, 1])), "shape [2], exp"),
+            (
+                |e| e.set("shape/model/pcaVariance", &[3], json!([1, -1, 1])),
+                "pcaVariance: entry 1 is -1",
+            ),
+            (|e| e.set("color/model/noiseVariance", &[1], json!([-1])), "noiseVariance: -1"),
+            (|e| e.set("color/model/noiseVariance", &[], json!(1e99)), "entry 0 is inf"),
+            (|e| e.set("shape/model/noiseVariance", &[], json!(null)), "expected numbers"),
+            (|e| e.set("shape/representer/points", &[6, 3], json!([])), "points: shape [6"),
+            (
+                |e| e.set("shape/representer/cells", &[3, 1], json!([[0], [1], [6]])),
+                "cells: triangle 0",
+            ),
+            (
+                |e| e.set("shape/representer/cells", &[3, 1], json!([[0], [-1], [1]])),
+                "cells: triangle 0",
+            ),
+            (|e| e.set("shape/representer/cells", &[3, 0], json!([[], [], []])), "is empty"),
+            (
+                |e| e.at("expression/representer/points")["value"][0][0] = json!(77),
+                "another reference",
+            ),
+            (|e| e.at("color/representer/colorspace")["value"] = json!("HSV"), "only RGB"),
+            (
+                |e| e.at("metadata/landmarks/json")["value"] = json!("[{}]"),
+                "metadata/landmarks/json: missing field `id`",
+            ),
+        ];
+        for (change, part) in cases {
+            let message = changed(change).unwrap_err().to_string();
+            assert!(message.contains(part), "{message:?} does not say {part:?}");
+            assert!(!message.contains('\n'));
+        }
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_refused_in_binary_too() {
+        for part in ["shape", "color", "expression"] {
+            let mut model = example();
+            let process = match part {
+                "shape" => &mut model.shape,
+                "color" => &mut model.albedo,
+                _ => model.expression.as_mut().unwrap(),
+            };
+            process.basis[(4, 0)] = f64::NAN;
+            let bytes = to_bytes(&model, Format::Hdf5).unwrap();
+            let message = parse(Format::Hdf5, bytes).unwrap_err().to_string();
+            assert!(message.starts_with(&format!("{part}/model/pcaBasis: entry")), "{message}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+        #[test]
+        fn damaged_files_are_refused_or_read_but_never_panic(
+            damage in proptest::collection::vec((0_usize..20_000, any::<u8>()), 1..6),
+            length in 0.3..1.5,
+        ) {
+            for format in [Format::Hdf5, Format::Hdf5Json] {
+                let mut bytes = to_bytes(&example(), format).unwrap();
+                for (at, value) in &damage {
+                    let at = at % bytes.len();
+                    bytes[at] = *value;
+                }
+                bytes.truncate((bytes.len() as f64 * length) as usize);
+                let _ = parse(format, bytes);
+            }
+        }
+    }
+
+    /// The engine's own files; set `ONESCAN_INTEROP` to the folder that has them.
+    fn engines(name: &str) -> Option<Import> {
+        let folder = std::env::var_os("ONESCAN_INTEROP").map_or_else(
+            || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/interop"),
+            Into::into,
+        );
+        let path = folder.join(name);
+        if !path.exists() {
+            eprintln!("skipped: {} is not there", path.display());
+            return None;
+        }
+        Some(crate::interchange::read(&path).unwrap())
+    }
+
+    #[track_caller]
+    fn close(found: [f64; 3], expected: [f64; 3]) {
+        for (a, b) in found.iter().zip(expected) {
+            assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{found:?} {expected:?}");
+        }
+    }
+
+    #[test]
+    fn a_file_written_in_cpp_gives_the_engines_instances() {
+        let Some(Import { model, notes }) = engines("random-l4.h5") else { return };
+        assert_eq!((model.shape.vertices(), model.triangles.len()), (1529, 3044));
+        assert_eq!((model.shape.rank(), model.albedo.rank()), (19, 19));
+        assert!(model.expression.is_none());
+        assert_eq!([model.shape.noise as f32, model.albedo.noise as f32], [0.01234, 0.02345]);
+        let shape = model.shape.instance(&[1.0, -0.5, 0.25]);
+        close(shape[0], [-58.7142918061, 43.1910950253, 78.6974501295]);
+        close(shape[1528], [55.5401871068, -21.683491286, -24.452748768]);
+        let albedo = model.albedo.instance(&[1.0, -0.5, 0.25]);
+        close(albedo[0], [1.0195382106, 0.2739719009, 0.0905622253]);
+        eprintln!("{} landmarks; {notes:?}", model.landmarks.len());
+        assert!(model.landmarks.iter().any(|l| l.name == "center.nose.tip"));
+    }
+
+    #[test]
+    fn a_file_written_in_java_gives_the_engines_instances() {
+        let Some(Import { model, notes }) = engines("random-momo.h5") else { return };
+        assert_eq!((model.shape.vertices(), model.triangles.len()), (25, 32));
+        assert_eq!((model.shape.rank(), model.albedo.rank()), (10, 10));
+        assert_eq!(model.expression.as_ref().map(Process::rank), Some(10));
+        let shape = model.shape.instance(&[1.0, 0.0, 0.0, -2.0]);
+        close(shape[0], [-0.6225980947, 1.4049323887, -0.1426407499]);
+        assert_eq!(model.landmarks.len(), 5, "none is exact, all are near: {notes:?}");
+        assert!(notes[0].starts_with("5 of 5 landmarks are not exactly"), "{notes:?}");
+        // What was read is written and read again without loss.
+        let again = parse(Format::Hdf5, to_bytes(&model, Format::Hdf5).unwrap()).unwrap();
+        same_model(&again.model, &model);
+    }
+}

@@ -1,0 +1,52 @@
+//! `cargo xtask hdf5`: our `.h5` files through the eyes of HDF5's own library.
+
+use crate::shell::{cargo, command, output, root, run as sh, target};
+use crate::targets::install;
+use crate::{Outcome, no_arguments};
+use std::fs;
+use std::path::PathBuf;
+
+/// What of Python's packages is asked for.
+const PACKAGES: [&str; 1] = ["h5py==3.16.0"];
+/// The face template: vertices, triangles, and how many landmarks it has.
+const TEMPLATE: [&str; 3] = ["8291", "16374", "42"];
+const RANK: &str = "5";
+
+/// The command.
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    no_arguments(arguments)?;
+    check()
+}
+
+/// Builds a model in both forms and has Python look at it.
+pub(crate) fn check() -> Outcome {
+    let python = python()?;
+    let place = target().join("hdf5");
+    fs::create_dir_all(&place).map_err(|e| format!("{}: {e}", place.display()))?;
+    let face = root().join("fixtures/face");
+    for name in ["face.h5", "face.h5.json"] {
+        let mut build = cargo(["run", "--quiet", "--release", "--", "--quiet", "build"]);
+        build.arg(face.join("template.ply")).arg("--landmarks").arg(face.join("landmarks.json"));
+        sh(build.args(["--rank", RANK, "-o"]).arg(place.join(name)))?;
+    }
+    let [vertices, triangles, landmarks] = TEMPLATE;
+    let mut check = command(python, ["tests/python/model.py"]);
+    sh(check.arg(place).args([vertices, triangles, RANK, landmarks]))
+}
+
+/// A Python of our own with the packages, made on first use.
+fn python() -> Result<PathBuf, String> {
+    let place = target().join("python");
+    let python = place.join("bin/python");
+    let has = || output(&mut command(&python, ["-c", "import h5py"])).is_ok();
+    if has() {
+        return Ok(python);
+    }
+    let make = || sh(command("python3", ["-m", "venv", "--clear"]).arg(&place));
+    if make().is_err() {
+        install(&["python3-venv"])?;
+        make()?;
+    }
+    sh(command(&python, ["-m", "pip", "install", "--quiet"]).args(PACKAGES))?;
+    Ok(python)
+}
