@@ -57,6 +57,7 @@ pub mod landmarks;
 #[cfg(feature = "full")]
 pub mod mat;
 pub mod mesh;
+#[cfg(feature = "full")]
 pub mod mesh_file;
 #[cfg(feature = "full")]
 pub mod metrics;

@@ -96,7 +96,7 @@ struct Compactness {
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(2..=100_000))]
     samples: u32,
     /// How many of them are compared with surfaces as well.
-    #[arg(long, default_value_t = 20)]
+    #[arg(long, default_value_t = 4)]
     surface_samples: u32,
     /// Seed of the instances.
     #[arg(long, default_value_t = 7)]

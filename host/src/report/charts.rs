@@ -160,6 +160,7 @@ pub(super) fn bars(description: &str, x_title: &str, values: &[f32]) -> Option<S
 }
 
 /// One of several lines of a chart.
+#[cfg(feature = "full")]
 pub(super) struct Series {
     /// `(x, y, half the height of the error bar)`, x rising and positive.
     pub(super) points: Vec<(f64, f64, f64)>,
@@ -170,6 +171,7 @@ pub(super) struct Series {
 /// Lines with dots and error bars over a logarithmic x axis with labels at `numbers`; the y axis
 /// begins at 0. `level` is drawn as a dashed line across. `None` with fewer than two numbers, or
 /// without a positive value.
+#[cfg(feature = "full")]
 pub(super) fn curves(
     description: &str,
     x_title: &str,
@@ -274,6 +276,7 @@ mod tests {
         assert!(svg.contains(">100</text>") && !svg.contains("000"), "{svg}");
     }
 
+    #[cfg(feature = "full")]
     #[test]
     fn curves_are_spaced_by_factors_and_begin_at_zero() {
         let points = vec![(1.0, 2.0, 0.0), (10.0, 1.0, 0.5), (100.0, 0.5, 0.0)];
