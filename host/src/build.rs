@@ -88,8 +88,8 @@ pub struct HalfReport {
     pub rank: usize,
     /// Fraction of the variance they hold.
     pub captured: f64,
-    /// Largest residual `‖K u − λ u‖ / λ` among them.
-    pub max_residual: f64,
+    /// Largest residual `‖K u − λ u‖ / λ` among them; of components of a sample it is not known.
+    pub max_residual: Option<f64>,
     /// Wall time.
     pub seconds: f64,
 }
@@ -116,7 +116,7 @@ pub fn build(
             kernel: kernel.to_string(),
             rank: deviation.rank(),
             captured: deviation.captured(),
-            max_residual: deviation.max_residual,
+            max_residual: Some(deviation.max_residual),
             seconds: start.elapsed().as_secs_f64(),
         };
         Ok::<(Decomposition, HalfReport), Error>((deviation, report))
@@ -156,7 +156,7 @@ pub fn build_reference(
         kernel: format!("nystrom {kernel}"),
         rank: process.rank(),
         captured: process.captured(),
-        max_residual: f64::NAN,
+        max_residual: None,
         seconds: 0.5 * seconds,
     };
     let reports = [report(&options.kernels.shape, shape), report(&options.kernels.albedo, albedo)];
@@ -249,11 +249,14 @@ impl fmt::Display for HalfReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} components hold {:.2} % of the variance (residual {:.0e}, {:.1} s)",
+            "{} components hold {:.2} % of the variance (",
             self.rank,
-            100.0 * self.captured,
-            self.max_residual,
-            self.seconds
-        )
+            100.0 * self.captured
+        )?;
+        match self.max_residual {
+            Some(residual) => write!(f, "residual {residual:.0e}")?,
+            None => f.write_str("from a sample of the vertices")?,
+        }
+        write!(f, ", {:.1} s)", self.seconds)
     }
 }
