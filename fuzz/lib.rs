@@ -1,7 +1,7 @@
 //! What the fuzz targets share: a tiny model, damage to bytes that carry a checksum, and what holds of
 //! every mesh.
 
-use onescan::build::{BuildOptions, build};
+use onescan::build::{BuildOptions, Method, build};
 use onescan::decompose::Truncation;
 use onescan::doctor::{Findings, mend};
 use onescan::kernel::{Axis, Kernels};
@@ -31,7 +31,7 @@ pub fn model() -> &'static OwnedModel {
         let options = BuildOptions {
             scan_name: "square",
             kernels: Kernels::named("standard-full", Some(Axis::X)).expect("a preset"),
-            truncation: Truncation::Rank(3),
+            method: Method::Exact(Truncation::Rank(3)),
             millimetres: 1.0,
         };
         build(&scan, &landmarks, &options, &mut |_, _| ()).expect("a good scan").model

@@ -7,7 +7,6 @@ use crate::error::{Error, Result};
 use crate::mat::{self, Array};
 use crate::morphable::{Import, Morphable, Process};
 use faer::Mat;
-use std::collections::BTreeMap;
 
 /// Micrometres in a millimetre.
 const MICROMETRES: f64 = 1000.0;
@@ -39,16 +38,8 @@ pub fn parse(bytes: &[u8]) -> Result<Import> {
     let albedo =
         process(["texPC", "texEV"], vertices, [color_mean, color_basis, color_deviations])?
             .in_unit(1.0 / WHITE);
-    let model = Morphable {
-        shape,
-        albedo,
-        expression: None,
-        reference: None,
-        triangles: triangles(&tl, vertices)?,
-        landmarks: Vec::new(),
-        uncertainties: BTreeMap::new(),
-        provenance: "format = \"Basel face model 2009\"\n".into(),
-    };
+    let provenance = "format = \"Basel face model 2009\"\n".to_string();
+    let model = Morphable::new(shape, albedo, triangles(&tl, vertices)?, Vec::new(), provenance);
     let notes = vec!["the file names no landmarks; give them with --landmarks".to_string()];
     Ok(Import { model, notes })
 }

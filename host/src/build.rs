@@ -7,12 +7,22 @@ use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
 use crate::model_file::{Half, ModelParts, OwnedModel};
 use crate::morphable::{Morphable, Process};
-use crate::reference;
+use crate::nystrom;
+use onescan_core::rng::Rng;
 use std::fmt;
 use std::time::Instant;
 
-/// Seed of [`build_reference`], the released program's.
+/// Seed of [`Method::Released`], the released program's.
 const SEED: u64 = 1986;
+
+/// How a kernel's leading components are found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Method {
+    /// Exactly, over all vertices.
+    Exact(Truncation),
+    /// The way the paper's released program does it, see [`nystrom`].
+    Released,
+}
 
 /// How a model is built.
 #[derive(Clone)]
@@ -21,8 +31,8 @@ pub struct BuildOptions<'a> {
     pub scan_name: &'a str,
     /// The kernels of shape and albedo.
     pub kernels: Kernels,
-    /// Components of shape and of albedo.
-    pub truncation: Truncation,
+    /// How they are decomposed, and how far.
+    pub method: Method,
     /// Length of the scan's unit: 1 for millimetres, 10 for centimetres, 1000 for metres.
     pub millimetres: f32,
 }
@@ -39,28 +49,31 @@ pub struct BuiltModel {
 
 /// One half of a model as it was computed.
 enum Computed {
-    Exact(Decomposition),
+    Exact(Vec<[f32; 3]>, Decomposition),
     Sampled(Process),
 }
 
 impl Computed {
-    fn around(&self, mean: &[[f32; 3]]) -> Process {
+    fn half(&self) -> Half<'_> {
         match self {
-            Self::Exact(deviation) => Process::around(mean, deviation),
-            Self::Sampled(process) => process.clone(),
+            Self::Exact(mean, deviation) => Half { mean, deviation },
+            Self::Sampled(process) => Half { mean: &process.mean, deviation: process },
+        }
+    }
+
+    fn into_process(self) -> Process {
+        match self {
+            Self::Exact(mean, deviation) => Process::around(&mean, &deviation),
+            Self::Sampled(process) => process,
         }
     }
 }
 
 impl BuiltModel {
     /// The model in the precision it was computed in.
-    pub fn morphable(&self) -> Morphable {
-        let file = Morphable::of(&self.model.view());
-        Morphable {
-            shape: self.shape.around(&file.shape.mean),
-            albedo: self.albedo.around(&file.albedo.mean),
-            ..file
-        }
+    pub fn into_morphable(self) -> Morphable {
+        let [shape, albedo] = [self.shape, self.albedo].map(Computed::into_process);
+        Morphable::with_halves(&self.model.view(), shape, albedo)
     }
 }
 
@@ -97,82 +110,14 @@ pub struct HalfReport {
 /// Builds a model whose mean is the scan and whose deviations follow the kernels.
 ///
 /// # Errors
-/// Those of [`decompose`]; a unit that is not positive and finite or makes coordinates overflow;
-/// a basis too large for a file.
+/// Those of [`decompose`] and [`nystrom`]; a unit that is not positive and finite or makes
+/// coordinates overflow; a basis too large for a file.
 pub fn build(
     scan: &Mesh,
     landmarks: &[Landmark],
     options: &BuildOptions<'_>,
     progress: &mut Progress<'_>,
 ) -> Result<BuiltModel> {
-    let (points, vertices) = vertices(scan, options)?;
-    let mut half = |name: &str, kernel: &Kernel, from: f64| {
-        let start = Instant::now();
-        let deviation = decompose(kernel, &vertices, options.truncation, &mut |done, what| {
-            progress(from + 0.5 * done, &format!("{name} {what}"));
-        })
-        .map_err(|e| Error::new(format_args!("{name}: {e}")))?;
-        let report = HalfReport {
-            kernel: kernel.to_string(),
-            rank: deviation.rank(),
-            captured: deviation.captured(),
-            max_residual: Some(deviation.max_residual),
-            seconds: start.elapsed().as_secs_f64(),
-        };
-        Ok::<(Decomposition, HalfReport), Error>((deviation, report))
-    };
-    let (shape, shape_report) = half("shape", &options.kernels.shape, 0.0)?;
-    let (albedo, albedo_report) = half("albedo", &options.kernels.albedo, 0.5)?;
-
-    let halves = [
-        Half { mean: &points, deviation: &shape },
-        Half { mean: &scan.colors, deviation: &albedo },
-    ];
-    let (model, report) = lay_out(scan, landmarks, options, halves, [shape_report, albedo_report])?;
-    let [shape, albedo] = [shape, albedo].map(Computed::Exact);
-    Ok(BuiltModel { model, report, shape, albedo })
-}
-
-/// Builds a model the way the paper's released program does, see [`mod@reference`]. Of the options
-/// the truncation is ignored.
-///
-/// # Errors
-/// Those of [`reference::reference`] and [`build`].
-pub fn build_reference(
-    scan: &Mesh,
-    landmarks: &[Landmark],
-    options: &BuildOptions<'_>,
-    progress: &mut Progress<'_>,
-) -> Result<BuiltModel> {
-    let (points, vertices) = vertices(scan, options)?;
-    let start = Instant::now();
-    let halves =
-        reference::reference(&options.kernels, &vertices, [&points, &scan.colors], SEED, progress)?;
-    // A model file's variances are those of all vertices together, not of one.
-    let halves = halves.map(|process| process.with_unit_columns());
-    let seconds = start.elapsed().as_secs_f64();
-    let [shape, albedo] = &halves;
-    let report = |kernel: &Kernel, process: &Process| HalfReport {
-        kernel: format!("nystrom {kernel}"),
-        rank: process.rank(),
-        captured: process.captured(),
-        max_residual: None,
-        seconds: 0.5 * seconds,
-    };
-    let reports = [report(&options.kernels.shape, shape), report(&options.kernels.albedo, albedo)];
-    let deviations = [shape.deviation(), albedo.deviation()];
-    let halves = [
-        Half { mean: &shape.mean, deviation: &deviations[0] },
-        Half { mean: &albedo.mean, deviation: &deviations[1] },
-    ];
-    let (model, report) = lay_out(scan, landmarks, options, halves, reports)?;
-    drop(deviations);
-    let [shape, albedo] = [shape, albedo].map(|process| Computed::Sampled(process.clone()));
-    Ok(BuiltModel { model, report, shape, albedo })
-}
-
-/// The scan's points in millimetres, and what kernels are evaluated on.
-fn vertices(scan: &Mesh, options: &BuildOptions<'_>) -> Result<(Vec<[f32; 3]>, Vec<Vertex>)> {
     let points: Vec<[f32; 3]> =
         scan.points.iter().map(|p| p.map(|c| c * options.millimetres)).collect();
     if !(options.millimetres > 0.0 && points.as_flattened().iter().all(|c| c.is_finite())) {
@@ -181,26 +126,35 @@ fn vertices(scan: &Mesh, options: &BuildOptions<'_>) -> Result<(Vec<[f32; 3]>, V
             options.millimetres
         )));
     }
-    let vertices = points
-        .iter()
-        .zip(&scan.colors)
-        .map(|(p, c)| Vertex { position: p.map(f64::from), color: c.map(f64::from) })
-        .collect();
-    Ok((points, vertices))
-}
+    let vertices = Vertex::all(&points, &scan.colors);
+    let Kernels { shape, albedo, .. } = &options.kernels;
+    let (shape, albedo) = match options.method {
+        Method::Exact(truncation) => {
+            let mut half = |name: &str, kernel: &Kernel, mean: &[[f32; 3]], from: f64| {
+                exact(kernel, &vertices, mean, truncation, &mut |done, what| {
+                    progress(from + 0.5 * done, &format!("{name} {what}"));
+                })
+                .map_err(|e| Error::new(format_args!("{name}: {e}")))
+            };
+            (half("shape", shape, &points, 0.0)?, half("albedo", albedo, &scan.colors, 0.5)?)
+        }
+        Method::Released => {
+            let mut rng = Rng::new(SEED, 0);
+            progress(0.0, "shape by Nyström");
+            let shape = sampled(shape, || nystrom::released(shape, &vertices, &points, &mut rng))?;
+            progress(0.5, "albedo by Nyström");
+            let albedo = sampled(albedo, || {
+                nystrom::released_albedo(albedo, &vertices, &scan.colors, &mut rng)
+            })?;
+            (shape, albedo)
+        }
+    };
+    let ((shape, shape_report), (albedo, albedo_report)) = (shape, albedo);
 
-/// The model file, and how its making went.
-fn lay_out(
-    scan: &Mesh,
-    landmarks: &[Landmark],
-    options: &BuildOptions<'_>,
-    [shape, albedo]: [Half<'_>; 2],
-    [shape_report, albedo_report]: [HalfReport; 2],
-) -> Result<(OwnedModel, BuildReport)> {
     let start = Instant::now();
     let parts = ModelParts {
-        shape,
-        albedo,
+        shape: shape.half(),
+        albedo: albedo.half(),
         triangles: &scan.triangles,
         landmarks,
         provenance: &provenance(options, &shape_report, &albedo_report),
@@ -214,7 +168,43 @@ fn lay_out(
         albedo: albedo_report,
         layout_seconds: start.elapsed().as_secs_f64(),
     };
-    Ok((model, report))
+    Ok(BuiltModel { model, report, shape, albedo })
+}
+
+fn exact(
+    kernel: &Kernel,
+    vertices: &[Vertex],
+    mean: &[[f32; 3]],
+    truncation: Truncation,
+    progress: &mut Progress<'_>,
+) -> Result<(Computed, HalfReport)> {
+    let start = Instant::now();
+    let deviation = decompose(kernel, vertices, truncation, progress)?;
+    let report = HalfReport {
+        kernel: kernel.to_string(),
+        rank: deviation.rank(),
+        captured: deviation.captured(),
+        max_residual: Some(deviation.max_residual),
+        seconds: start.elapsed().as_secs_f64(),
+    };
+    Ok((Computed::Exact(mean.to_vec(), deviation), report))
+}
+
+fn sampled(
+    kernel: &Kernel,
+    make: impl FnOnce() -> Result<Process>,
+) -> Result<(Computed, HalfReport)> {
+    let start = Instant::now();
+    // A model file's variances are those of all vertices together, not of one.
+    let process = make()?.with_unit_columns();
+    let report = HalfReport {
+        kernel: format!("nystrom {kernel}"),
+        rank: process.rank(),
+        captured: process.captured(),
+        max_residual: None,
+        seconds: start.elapsed().as_secs_f64(),
+    };
+    Ok((Computed::Sampled(process), report))
 }
 
 /// Where the model comes from, as TOML. Nothing of the machine it was made on, nor times: equal

@@ -1,6 +1,6 @@
 //! The demo: the built-in face model, fitted to two photos and to a rendered face of known truth.
 
-use crate::build::{BuildOptions, BuiltModel, build};
+use crate::build::{BuildOptions, BuiltModel, Method, build};
 use crate::decompose::{Progress, Truncation};
 use crate::error::{Error, Result};
 use crate::kernel::{Axis, Kernels};
@@ -61,7 +61,7 @@ pub fn template_model(rank: usize, progress: &mut Progress<'_>) -> Result<BuiltM
     let options = BuildOptions {
         scan_name: "template.ply",
         kernels: Kernels::named("symmetric-full", Some(Axis::X))?,
-        truncation: Truncation::Rank(rank),
+        method: Method::Exact(Truncation::Rank(rank)),
         millimetres: 1.0,
     };
     build(&mesh, &landmarks, &options, progress)

@@ -5,7 +5,6 @@ use crate::error::{Error, Result};
 use crate::landmarks::Landmark;
 use crate::model_file::OwnedModel;
 use crate::morphable::{Morphable, Process};
-use std::collections::BTreeMap;
 use std::fmt;
 
 /// What to leave.
@@ -109,20 +108,14 @@ pub fn export(model: &OwnedModel, options: &ExportOptions) -> Result<Exported> {
         shape.rank(),
         albedo.rank(),
     );
-    let left = Morphable {
-        expression: None,
-        reference: None,
-        uncertainties: BTreeMap::new(),
-        triangles: triangles.iter().map(|t| t.map(renumbered)).collect(),
-        landmarks: whole
-            .landmarks
-            .iter()
-            .map(|l| Landmark { name: l.name.clone(), vertex: renumbered(l.vertex) })
-            .collect(),
+    let landmark = |l: &Landmark| Landmark { name: l.name.clone(), vertex: renumbered(l.vertex) };
+    let left = Morphable::new(
         shape,
         albedo,
+        triangles.iter().map(|t| t.map(renumbered)).collect(),
+        whole.landmarks.iter().map(landmark).collect(),
         provenance,
-    };
+    );
     let exported = left.to_model(levels)?;
     let half = |before: &Process, after: &Process| HalfReport {
         rank: [before.rank(), after.rank()],

@@ -5,15 +5,15 @@
 //!
 //! | step | room |
 //! |---|---|
-//! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`mod@reference`], [`build`], [`model_file`] |
+//! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`nystrom`], [`build`], [`model_file`] |
 //! | scan → mesh | [`mesh_file`], [`ply`], [`mesh`], [`landmarks`], [`symmetry`] |
 //! | mesh → mended mesh | [`doctor`] |
 //! | model → smaller model | [`export`], [`decimate`] |
-//! | models in double precision, models of models | [`morphable`], [`operate`] |
+//! | model → double precision, models of models | [`morphable`], [`operate`] |
+//! | model ↔ other programs' files | [`interchange`], [`statismo`], [`bfm2009`] |
+//! | the formats below those | [`mod@hdf5`], [`mat`] |
 //! | how good a model is | [`metrics`], [`surface`], [`rigid`] |
 //! | the paper's experiments | [`experiment`] |
-//! | models in double precision, and other programs' files of them | [`morphable`], [`interchange`], [`statismo`], [`bfm2009`] |
-//! | the formats below those | [`mod@hdf5`], [`mat`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
@@ -65,14 +65,14 @@ pub mod model_file;
 #[cfg(feature = "full")]
 pub mod morphable;
 #[cfg(feature = "full")]
+pub mod nystrom;
+#[cfg(feature = "full")]
 pub mod operate;
 pub mod photo;
 pub mod picture;
 pub mod ply;
 #[cfg(feature = "full")]
 pub mod progress;
-#[cfg(feature = "full")]
-pub mod reference;
 pub mod render;
 pub mod report;
 #[cfg(feature = "full")]

@@ -97,11 +97,6 @@ impl Process {
         if self.total_variance > 0.0 { self.held() / self.total_variance } else { 1.0 }
     }
 
-    /// What a model file is laid out from.
-    pub fn deviation(&self) -> impl Deviation {
-        Scaled { process: self }
-    }
-
     /// `Q = U diag(√λ)`: the components with their standard deviations.
     pub fn scaled_basis(&self) -> Mat<f64> {
         let mut scaled = self.basis.clone();
@@ -195,25 +190,19 @@ fn held(basis: &Mat<f64>, variances: &[f64]) -> f64 {
     basis.col_iter().zip(variances).map(|(u, v)| v * u.squared_norm_l2()).sum()
 }
 
-/// The process with its components as the file wants them.
-struct Scaled<'a> {
-    process: &'a Process,
-}
-
-impl Deviation for Scaled<'_> {
+impl Deviation for Process {
     fn variances(&self) -> &[f64] {
-        &self.process.variances
+        &self.variances
     }
 
     fn total_variance(&self) -> f64 {
-        self.process.total_variance
+        self.total_variance
     }
 
     fn column(&self, k: usize, channel: usize) -> (f64, &[f64]) {
-        let Process { basis, variances, .. } = self.process;
-        let vertices = basis.nrows() / 3;
-        let column = basis.col(k).try_as_col_major().map_or(&[][..], |column| column.as_slice());
-        (variances[k].sqrt(), &column[channel * vertices..(channel + 1) * vertices])
+        let vertices = self.basis.nrows() / 3;
+        let column = self.basis.col(k).try_as_col_major().map_or(&[][..], |c| c.as_slice());
+        (self.variances[k].sqrt(), &column[channel * vertices..(channel + 1) * vertices])
     }
 }
 
@@ -242,22 +231,43 @@ pub struct Morphable {
 }
 
 impl Morphable {
+    /// A model without expressions, made around its mean, of landmarks as sure as they are.
+    pub fn new(
+        shape: Process,
+        albedo: Process,
+        triangles: Vec<[u32; 3]>,
+        landmarks: Vec<Landmark>,
+        provenance: String,
+    ) -> Self {
+        let (expression, reference, uncertainties) = (None, None, BTreeMap::new());
+        Self {
+            shape,
+            albedo,
+            expression,
+            reference,
+            triangles,
+            landmarks,
+            uncertainties,
+            provenance,
+        }
+    }
+
     /// A `.3dmm` model.
     pub fn of(model: &Model<'_>) -> Self {
-        let vertices = model.vertices();
-        Self {
-            shape: Process::of(&model.shape, vertices),
-            albedo: Process::of(&model.albedo, vertices),
-            expression: None,
-            reference: None,
-            triangles: (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
-            landmarks: model
-                .landmarks()
-                .map(|(name, vertex)| Landmark { name: name.to_string(), vertex })
-                .collect(),
-            uncertainties: BTreeMap::new(),
-            provenance: model.provenance().to_string(),
-        }
+        let half = |basis| Process::of(basis, model.vertices());
+        Self::with_halves(model, half(&model.shape), half(&model.albedo))
+    }
+
+    /// A `.3dmm` model whose halves are known better than its file's.
+    pub fn with_halves(model: &Model<'_>, shape: Process, albedo: Process) -> Self {
+        let landmark = |(name, vertex): (&str, u32)| Landmark { name: name.to_string(), vertex };
+        Self::new(
+            shape,
+            albedo,
+            (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
+            model.landmarks().map(landmark).collect(),
+            model.provenance().to_string(),
+        )
     }
 
     /// Positions the model was made around.
@@ -278,8 +288,8 @@ impl Morphable {
         });
         let [shape, albedo] = &halves;
         let parts = ModelParts {
-            shape: Half { mean: &shape.mean, deviation: &shape.deviation() },
-            albedo: Half { mean: &albedo.mean, deviation: &albedo.deviation() },
+            shape: Half { mean: &shape.mean, deviation: &**shape },
+            albedo: Half { mean: &albedo.mean, deviation: &**albedo },
             triangles: &self.triangles,
             landmarks: &self.landmarks,
             provenance: &self.provenance,
@@ -320,7 +330,7 @@ pub struct Import {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::build::{BuildOptions, build};
+    use crate::build::{BuildOptions, Method, build};
     use crate::decompose::Truncation;
     use crate::kernel::{Axis, Kernels};
 
@@ -337,7 +347,7 @@ mod tests {
         let options = BuildOptions {
             scan_name: "grid",
             kernels: Kernels::named("symmetric-full", Some(Axis::X)).unwrap(),
-            truncation: Truncation::Rank(12),
+            method: Method::Exact(Truncation::Rank(12)),
             millimetres: 1.0,
         };
         build(&scan, &landmarks, &options, &mut |_, _| {}).unwrap().model

@@ -1,6 +1,6 @@
 //! From a scan on disk to a model on disk, and back through the core's view.
 
-use onescan::build::{BuildOptions, BuiltModel, build};
+use onescan::build::{BuildOptions, BuiltModel, Method, build};
 use onescan::decompose::Truncation;
 use onescan::kernel::{Axis, Kernels, Preset, Vertex};
 use onescan::landmarks;
@@ -26,7 +26,7 @@ fn options(truncation: Truncation) -> BuildOptions<'static> {
     BuildOptions {
         scan_name: "part.ply",
         kernels: Kernels::named("symmetric-full", Some(Axis::X)).unwrap(),
-        truncation,
+        method: Method::Exact(truncation),
         millimetres: 1.0,
     }
 }

@@ -39,6 +39,15 @@ fn models_are_learnt_cut_out_conditioned_and_measured() {
     assert!(nose["vertices"].as_u64() < small["vertices"].as_u64());
     assert!(nose["landmarks"]["center.nose.tip"].is_u64());
 
+    // Another program's format comes and goes as ours does.
+    run("model augment pca.3dmm @golden/small.3dmm -o both.h5");
+    assert_eq!(fs::read(at("both.h5")).unwrap()[..4], *b"\x89HDF");
+    run("model project both.h5 samples/sample_03.ply -o from_h5.ply");
+    let far = ply::read(&at("from_h5.ply")).unwrap();
+    for (a, b) in known.points.as_flattened().iter().zip(far.points.as_flattened()) {
+        assert!((a - b).abs() < 0.05, "{a} became {b}");
+    }
+
     run("model recentre @golden/small.3dmm samples/sample_00.ply -o moved.3dmm");
     run("model posterior @golden/small.3dmm --mesh samples/sample_01.ply -o known.3dmm");
     assert!(variance(&info("known.3dmm")) < variance(&small));

@@ -5,6 +5,8 @@ use onescan::bench;
 use onescan::error::Result;
 use onescan::progress::Console;
 
+/// Measure steps per second on this machine, stage by stage, beside its memory bandwidth.
+///
 /// On the built-in face model and a rendered face, one core; takes some ten seconds. Times are
 /// the fastest of many runs, so a busy machine disturbs them little.
 #[derive(Args)]

@@ -1,17 +1,19 @@
 //! `onescan build`.
 
 use super::scan::Scan;
-use super::{file_name, model_file};
+use super::{file_name, model_file, write_model};
 use clap::{Args, ValueEnum};
-use onescan::build::{BuildOptions, build, build_reference};
+use onescan::build::{BuildOptions, Method, build};
 use onescan::decompose::Truncation;
 use onescan::error::{Error, Result};
-use onescan::interchange::{self, Format};
+use onescan::interchange::Format;
 use onescan::kernel::{Axis, Hyper, Kernels, PRESETS, Preset};
 use onescan::progress::Console;
 use onescan::{landmarks, symmetry};
 use std::path::PathBuf;
 
+/// Build a model from one coloured scan.
+///
 /// The mean of the model is the scan; its deviations are Gaussian processes over the scan's
 /// vertices, decomposed exactly into their leading components.
 #[derive(Args)]
@@ -106,38 +108,34 @@ impl Build {
         let options = BuildOptions {
             scan_name: &scan_name,
             kernels,
-            truncation: match self.variance {
-                Some(fraction) => Truncation::Variance(fraction),
-                None => Truncation::Rank(self.rank as usize),
+            method: match self.variance {
+                _ if self.reference => Method::Released,
+                Some(fraction) => Method::Exact(Truncation::Variance(fraction)),
+                None => Method::Exact(Truncation::Rank(self.rank as usize)),
             },
             millimetres,
         };
         let mut task = console.task("building", 1000);
-        let build = if self.reference { build_reference } else { build };
         let built = build(&scan, &landmarks, &options, &mut |done, what| {
             task.name(what);
             task.set((1000.0 * done) as u64);
         })
         .map_err(|e| Error::file(&self.scan.path, e))?;
         task.finish();
-        match Format::of(&self.output) {
-            Format::ThreeDmm => built.model.write(&self.output)?,
-            format => {
-                let mut model = built.morphable();
-                if let Some(path) = &self.landmarks {
-                    model.uncertainties = landmarks::read_uncertainties(path)?;
-                }
-                interchange::write(&model, &self.output)?;
-                for lost in interchange::lost(&model, format) {
-                    console.say(format_args!("not in this format: {lost}"));
-                }
-            }
-        }
         console.say(&built.report);
+        if Format::of(&self.output) == Format::ThreeDmm {
+            built.model.write(&self.output)?;
+            console.say(format_args!("wrote {}", self.output.display()));
+        } else {
+            let mut model = built.into_morphable();
+            if let Some(path) = &self.landmarks {
+                model.uncertainties = landmarks::read_uncertainties(path)?;
+            }
+            write_model(console, &self.output, &model)?;
+        }
         if landmarks.is_empty() {
             console.say("no --landmarks: the model can be sampled and rendered, but not fitted");
         }
-        console.say(format_args!("wrote {}", self.output.display()));
         Ok(())
     }
 }

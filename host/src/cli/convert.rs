@@ -1,13 +1,15 @@
 //! `onescan convert`.
 
-use super::model_file;
+use super::{model_file, read_model, write_model};
 use clap::Args;
-use onescan::error::{Error, Result};
-use onescan::interchange::{self, Format};
+use onescan::error::Result;
+use onescan::interchange;
 use onescan::landmarks;
 use onescan::progress::Console;
 use std::path::PathBuf;
 
+/// Write a model for another program, or take one from there.
+///
 /// Formats by extension: .3dmm is ours; .h5 is that of statismo, scalismo and the Basel face models
 /// 2017 and 2019; .h5.json the same as newer versions of scalismo write it; .mat is the Basel face
 /// model 2009 and only read. What the new file cannot carry is said.
@@ -26,21 +28,16 @@ pub(super) struct Convert {
 impl Convert {
     pub(super) fn run(self, console: Console) -> Result<()> {
         model_file(&self.output)?;
-        let mut import = interchange::read(&self.model)?;
-        if let Some(path) = &self.landmarks {
-            import.notes.clear();
-            import.model.landmarks = landmarks::read(path, import.model.reference(), 1.0)?;
-            import.model.uncertainties = landmarks::read_uncertainties(path)?;
-        }
-        let model = import.model;
-        interchange::write(&model, &self.output)?;
-        for note in import.notes {
-            console.say(Error::file(&self.model, note));
-        }
-        for lost in interchange::lost(&model, Format::of(&self.output)) {
-            console.say(format_args!("not in this format: {lost}"));
-        }
-        console.say(format_args!("wrote {}", self.output.display()));
-        Ok(())
+        let model = match &self.landmarks {
+            None => read_model(console, &self.model)?,
+            // What there is to say of its own landmarks does not matter.
+            Some(path) => {
+                let mut model = interchange::read(&self.model)?.model;
+                model.landmarks = landmarks::read(path, model.reference(), 1.0)?;
+                model.uncertainties = landmarks::read_uncertainties(path)?;
+                model
+            }
+        };
+        write_model(console, &self.output, &model)
     }
 }

@@ -20,6 +20,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+/// Build the built-in face model, fit it to three photos, write a report with pictures.
+///
 /// Takes about a quarter of a minute. The directory then holds the model, each photo with its
 /// landmarks and its fit, summary.json and report.html.
 #[derive(Args)]

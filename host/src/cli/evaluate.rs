@@ -1,12 +1,10 @@
 //! `onescan evaluate`.
 
-use super::{file_name, meshes, output_directory};
+use super::{file_name, meshes, output_directory, read_model};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::metrics::{Curve, Options, Point, TestSet, measure};
-use onescan::model_file::OwnedModel;
-use onescan::morphable::Morphable;
 use onescan::progress::Console;
 use onescan::report;
 use onescan::rigid::Rigid;
@@ -17,7 +15,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Evaluate {
-    /// The model, .3dmm; several are compared.
+    /// The model: .3dmm, .h5, .h5.json or .mat; several are compared.
     #[arg(required = true, num_args = 1..=5)]
     models: Vec<PathBuf>,
     /// Meshes to measure with, PLY, or directories of them.
@@ -44,11 +42,8 @@ pub(super) struct Evaluate {
 impl Evaluate {
     pub(super) fn run(self, console: Console) -> Result<()> {
         output_directory(&self.output)?;
-        let models = self
-            .models
-            .iter()
-            .map(|path| Ok(Morphable::of(&OwnedModel::read(path)?.view())))
-            .collect::<Result<Vec<_>>>()?;
+        let models =
+            self.models.iter().map(|path| read_model(console, path)).collect::<Result<Vec<_>>>()?;
         let mut tests = meshes(&self.meshes)?;
         for (path, mesh) in &mut tests {
             let odd = models

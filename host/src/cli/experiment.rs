@@ -3,15 +3,18 @@
 use super::{file_name, output_directory};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
-use onescan::experiment::{compactness, kernels};
+use onescan::experiment::{compactness, decomposition, kernels};
 use onescan::files::write_atomically;
 use onescan::kernel::Axis;
+use onescan::mesh_file;
 use onescan::metrics::Options;
 use onescan::progress::Console;
-use onescan::{demo, ply, report};
+use onescan::{demo, report};
 use std::io::Write;
 use std::path::PathBuf;
 
+/// Repeat an experiment of the paper on this project's faces.
+///
 /// Each writes a page, report.html, and its pictures and numbers beside it.
 #[derive(Args)]
 pub(super) struct Experiment {
@@ -21,8 +24,8 @@ pub(super) struct Experiment {
 
 #[derive(Subcommand)]
 enum Which {
-    /// Three samples of each of the paper's ten kernels, on one sheet.
     Kernels(Kernels),
+    Decomposition(Decomposition),
     /// Compactness, generalization and specificity of one-scan models beside a model of 60 people.
     ///
     /// Builds 13 models of kernels, three on the template and one on each of ten scans, and one of
@@ -36,15 +39,18 @@ impl Experiment {
     pub(super) fn run(self, console: Console) -> Result<()> {
         match self.which {
             Which::Kernels(experiment) => experiment.run(console),
+            Which::Decomposition(experiment) => experiment.run(console),
             Which::Compactness(experiment) => experiment.run(console),
         }
     }
 }
 
+/// Three samples of each of the paper's ten kernels, on one sheet.
+///
 /// The kernels are those of symmetric objects: the scan's plane of symmetry is x = 0.
 #[derive(Args)]
 struct Kernels {
-    /// The scan; the built-in face template by default.
+    /// The scan, as of `onescan build`, y up [default: the built-in face template].
     scan: Option<PathBuf>,
     /// Directory to write to.
     #[arg(short, long, default_value = "out/kernels")]
@@ -61,7 +67,11 @@ impl Kernels {
     fn run(self, console: Console) -> Result<()> {
         output_directory(&self.output)?;
         let (scan, name) = match &self.scan {
-            Some(path) => (ply::read(path)?, file_name(path)),
+            Some(path) => {
+                let (mut scan, format) = mesh_file::read(path, &mesh_file::Options::default())?;
+                scan.points.as_flattened_mut().iter_mut().for_each(|c| *c *= format.millimetres());
+                (scan, file_name(path))
+            }
             None => (demo::template()?.0, "the face template".to_string()),
         };
         let mut task = console.task("sampling", 1000);
@@ -77,6 +87,41 @@ impl Kernels {
         let page = kernels::page(&columns, &name)?;
         write_atomically(&report, |out| out.write_all(page.as_bytes()))?;
         console.say(format_args!("wrote {}", report.display()));
+        Ok(())
+    }
+}
+
+/// Exact components beside Nyström's, and time and memory by number of vertices.
+///
+/// On the built-in face template: 50, 199 and 1000 components of shape and albedo, exact and from a
+/// sample of the vertices; then 199 + 199 components of the template made finer and coarser. Takes
+/// some ten minutes. Writes report.html, decomposition.json and table.md.
+#[derive(Args)]
+struct Decomposition {
+    /// Directory to write to.
+    #[arg(short, long, default_value = "out/decomposition")]
+    output: PathBuf,
+    /// Leave out meshes of more vertices.
+    #[arg(long, default_value_t = 200_000)]
+    largest: usize,
+}
+
+impl Decomposition {
+    fn run(self, console: Console) -> Result<()> {
+        output_directory(&self.output)?;
+        let mut task = console.task("decomposing", 1000);
+        let result = decomposition::run(self.largest, &mut |done, what| {
+            task.name(what);
+            task.set((1000.0 * done) as u64);
+        })?;
+        task.finish();
+        let put = |name: &str, text: &str| {
+            write_atomically(&self.output.join(name), |out| out.write_all(text.as_bytes()))
+        };
+        put("decomposition.json", &result.to_json()?)?;
+        put("table.md", &result.markdown())?;
+        put("report.html", &result.page()?)?;
+        console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
 }

@@ -1,21 +1,23 @@
 //! `onescan export`.
 
-use super::model_file;
+use super::{model_file, write_model};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::export::{ExportOptions, export};
-use onescan::interchange::{self, Format};
+use onescan::interchange::Format;
 use onescan::model_file::OwnedModel;
 use onescan::morphable::Morphable;
 use onescan::progress::Console;
 use std::path::PathBuf;
 
+/// Make a smaller model: for a device, for a web page.
+///
 /// Writes a smaller model of the same thing, and says how much variance it lost. Landmarks stay.
 #[derive(Args)]
 pub(super) struct Export {
     /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
-    /// The model to write, .3dmm.
+    /// The model to write: .3dmm, .h5 or .h5.json.
     #[arg(short, long)]
     output: PathBuf,
     /// For a microcontroller: 960 vertices, 30 + 30 components.
@@ -54,11 +56,12 @@ impl Export {
             bits: self.bits.unwrap_or(bits),
         };
         let exported = export(&model, &options).map_err(|e| Error::file(&self.model, e))?;
-        match Format::of(&self.output) {
-            Format::ThreeDmm => exported.model.write(&self.output)?,
-            _ => interchange::write(&Morphable::of(&exported.model.view()), &self.output)?,
-        }
         console.say(&exported.report);
+        if Format::of(&self.output) != Format::ThreeDmm {
+            let model = Morphable::of(&exported.model.view());
+            return write_model(console, &self.output, &model);
+        }
+        exported.model.write(&self.output)?;
         console.say(format_args!("wrote {}", self.output.display()));
         Ok(())
     }

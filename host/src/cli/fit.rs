@@ -20,6 +20,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
+/// Fit a model to a photo with landmarks.
+///
 /// Writes fit.json, fit.rps, mesh.ply, mesh.glb, overlay.png, photo.png and report.html to the
 /// output directory. Ctrl-C saves a checkpoint there; --resume goes on from it, with the same
 /// result as without the interruption.

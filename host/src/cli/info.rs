@@ -8,6 +8,8 @@ use onescan_core::basis::Basis;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
+/// Say what a model holds and where it comes from.
+///
 /// Also checks the file: a damaged model gives an error that says what and where.
 #[derive(Args)]
 pub(super) struct Info {

@@ -12,6 +12,8 @@ use onescan::progress::Console;
 use serde_json::json;
 use std::path::PathBuf;
 
+/// Say what a mesh holds and what is wrong with it, and mend it.
+///
 /// Size, borders, pieces and symmetry of a mesh, and what should be seen to before a model is
 /// built of it. Also converts: --mend writes any mesh that is read as a PLY.
 #[derive(Args)]

@@ -18,8 +18,9 @@ mod scan;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
-use onescan::interchange;
+use onescan::interchange::{self, Format};
 use onescan::mesh::Mesh;
+use onescan::morphable::{Import, Morphable};
 use onescan::ply;
 use onescan::progress::Console;
 use std::path::{Path, PathBuf};
@@ -51,21 +52,16 @@ Examples:
 
 Same model, photo, landmarks, settings and seed: same fit, to the last bit.";
 
+// What a command says of itself stands on its arguments, or here if those say nothing: clap drops
+// the one for the other.
 #[derive(Subcommand)]
 enum Command {
-    /// Build the built-in face model, fit it to three photos, write a report with pictures.
     Demo(demo::Demo),
-    /// Build a model from one coloured scan.
     Build(build::Build),
-    /// Say what a mesh holds and what is wrong with it, and mend it.
     Inspect(inspect::Inspect),
-    /// Make a smaller model: for a device, for a web page.
     Export(export::Export),
-    /// Write a model for another program, or take one from there.
     Convert(convert::Convert),
-    /// Say what a model holds and where it comes from.
     Info(info::Info),
-    /// Draw random instances of a model: meshes, and a sheet of pictures.
     Sample(sample::Sample),
     /// Show what the leading components of a model do: the mean and three deviations to each side.
     ///
@@ -87,15 +83,9 @@ enum Command {
     /// (generalization), how near its random instances are to such meshes (specificity); all are
     /// better if less. Writes metrics.json and report.html. The meshes need the model's topology.
     Evaluate(evaluate::Evaluate),
-    /// Repeat an experiment of the paper on this project's faces.
-    ///
-    /// Each writes a report, its numbers, and a table.
     Experiment(experiment::Experiment),
-    /// Render the mean, or a fit, from any side.
     Render(render::Render),
-    /// Fit a model to a photo with landmarks.
     Fit(fit::Fit),
-    /// Measure steps per second on this machine, stage by stage, beside its memory bandwidth.
     Bench(bench::Bench),
 }
 
@@ -184,6 +174,25 @@ fn meshes(places: &[PathBuf]) -> Result<Vec<(PathBuf, Mesh)>> {
 fn model_file(path: &Path) -> Result<()> {
     output_file(path)?;
     interchange::can_write(path)
+}
+
+/// Reads a model in full precision, of any format; says what in its file is not as it should be.
+fn read_model(console: Console, path: &Path) -> Result<Morphable> {
+    let Import { model, notes } = interchange::read(path)?;
+    for note in notes {
+        console.say(Error::file(path, note));
+    }
+    Ok(model)
+}
+
+/// Writes a model in the format of the file's name; says what that cannot carry.
+fn write_model(console: Console, path: &Path, model: &Morphable) -> Result<()> {
+    interchange::write(model, path)?;
+    for lost in interchange::lost(model, Format::of(path)) {
+        console.say(format_args!("not in this format: {lost}"));
+    }
+    console.say(format_args!("wrote {}", path.display()));
+    Ok(())
 }
 
 /// Parses `WxH`.

@@ -1,11 +1,10 @@
 //! `onescan model`.
 
-use super::{file_name, meshes, output_file, positive};
+use super::{file_name, meshes, model_file, output_file, positive, read_model, write_model};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::landmarks::{self, Point};
-use onescan::model_file::OwnedModel;
 use onescan::morphable::{Morphable, Process};
 use onescan::operate::posterior::Observation;
 use onescan::operate::with_line;
@@ -49,7 +48,7 @@ pub(super) enum Model {
 
 #[derive(Args)]
 pub(super) struct Project {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
     /// The mesh, PLY, of the model's topology and in its place.
     mesh: PathBuf,
@@ -67,9 +66,9 @@ pub(super) struct Project {
 #[derive(Args)]
 #[command(group = clap::ArgGroup::new("known").required(true).multiple(true).args(["landmarks", "mesh"]))]
 pub(super) struct Posterior {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
-    /// The model to write, .3dmm.
+    /// The model to write: .3dmm, .h5 or .h5.json.
     #[arg(short, long)]
     output: PathBuf,
     /// Where landmarks are, JSON.
@@ -104,9 +103,9 @@ struct Part {
 
 #[derive(Args)]
 pub(super) struct Region {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
-    /// The model to write, .3dmm.
+    /// The model to write: .3dmm, .h5 or .h5.json.
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
@@ -115,22 +114,22 @@ pub(super) struct Region {
 
 #[derive(Args)]
 pub(super) struct Recentre {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
     /// The mesh, PLY.
     mesh: PathBuf,
-    /// The model to write, .3dmm.
+    /// The model to write: .3dmm, .h5 or .h5.json.
     #[arg(short, long)]
     output: PathBuf,
 }
 
 #[derive(Args)]
 pub(super) struct Augment {
-    /// The model whose mean stays, .3dmm.
+    /// The model whose mean stays: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
-    /// The model that lends its deviations, .3dmm.
+    /// The model that lends its deviations.
     by: PathBuf,
-    /// The model to write, .3dmm.
+    /// The model to write: .3dmm, .h5 or .h5.json.
     #[arg(short, long)]
     output: PathBuf,
 }
@@ -140,7 +139,7 @@ pub(super) struct Pca {
     /// Meshes, PLY, or directories of them: same vertices in the same order, aligned.
     #[arg(required = true)]
     meshes: Vec<PathBuf>,
-    /// The model to write, .3dmm.
+    /// The model to write: .3dmm, .h5 or .h5.json.
     #[arg(short, long)]
     output: PathBuf,
     /// Landmarks of the first mesh, JSON.
@@ -161,13 +160,8 @@ impl Model {
     }
 }
 
-fn read(path: &Path) -> Result<Morphable> {
-    Ok(Morphable::of(&OwnedModel::read(path)?.view()))
-}
-
 /// Writes a model and says what it holds.
 fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
-    model.to_model(i16::MAX)?.write(path)?;
     let variance = |process: &Process| process.held() / process.vertices() as f64;
     console.say(format_args!(
         "{} vertices; shape: {} components, {:.3} mm² per vertex; albedo: {} components, {:.5}",
@@ -177,15 +171,14 @@ fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
         model.albedo.rank(),
         variance(&model.albedo)
     ));
-    console.say(format_args!("wrote {}", path.display()));
-    Ok(())
+    write_model(console, path, model)
 }
 
 impl Project {
     fn run(self, console: Console) -> Result<()> {
         output_file(&self.output)?;
         self.coefficients.as_deref().map_or(Ok(()), output_file)?;
-        let (model, mesh) = (read(&self.model)?, ply::read(&self.mesh)?);
+        let (model, mesh) = (read_model(console, &self.model)?, ply::read(&self.mesh)?);
         let variance = self.noise.map(|deviation| deviation * deviation);
         let [shape, albedo] =
             model.project(&mesh, variance).map_err(|e| Error::file(&self.mesh, e))?;
@@ -251,8 +244,8 @@ impl Part {
 
 impl Posterior {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
-        let model = read(&self.model)?;
+        model_file(&self.output)?;
+        let model = read_model(console, &self.model)?;
         let (mut shape, mut albedo) = (Vec::new(), Vec::new());
         let mut sources = Vec::new();
         if let Some(path) = &self.landmarks {
@@ -297,11 +290,11 @@ impl Posterior {
 
 impl Region {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
+        model_file(&self.output)?;
         if self.part.is_whole() {
             return Err(Error::new("which region? give --around LANDMARK or --mask FILE"));
         }
-        let model = read(&self.model)?;
+        let model = read_model(console, &self.model)?;
         let part = self.part.of(&model)?;
         let mut region = model.region(|v| part[v as usize])?.orthonormal()?;
         let from = format!("{} of {} vertices", region.shape.vertices(), part.len());
@@ -312,8 +305,8 @@ impl Region {
 
 impl Recentre {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
-        let (model, mesh) = (read(&self.model)?, ply::read(&self.mesh)?);
+        model_file(&self.output)?;
+        let (model, mesh) = (read_model(console, &self.model)?, ply::read(&self.mesh)?);
         let mut moved = model.about(&mesh).map_err(|e| Error::file(&self.mesh, e))?;
         moved.provenance = with_line(&moved.provenance, "mean", &file_name(&self.mesh));
         write(console, &self.output, &moved)
@@ -322,8 +315,8 @@ impl Recentre {
 
 impl Augment {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
-        let (model, other) = (read(&self.model)?, read(&self.by)?);
+        model_file(&self.output)?;
+        let (model, other) = (read_model(console, &self.model)?, read_model(console, &self.by)?);
         let mut both = model.augmented(&other).map_err(|e| Error::file(&self.by, e))?;
         both.provenance = with_line(&both.provenance, "augmented_by", &file_name(&self.by));
         console.say(format_args!(
@@ -336,7 +329,7 @@ impl Augment {
 
 impl Pca {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
+        model_file(&self.output)?;
         let (paths, meshes): (Vec<_>, Vec<_>) = meshes(&self.meshes)?.into_iter().unzip();
         if let Some(odd) = meshes.iter().position(|mesh| mesh.triangles != meshes[0].triangles) {
             return Err(Error::file(

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Modes {
-    /// The model, .3dmm.
+    /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
     /// Directory to write to.
     #[arg(short, long)]

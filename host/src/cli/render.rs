@@ -10,6 +10,8 @@ use onescan::rps::Rps;
 use onescan::summary::{Summary, hex};
 use std::path::PathBuf;
 
+/// Render the mean, or a fit, from any side.
+///
 /// Without --fit or --rps: the mean, upright, under frontal light. With them: the fitted scene as
 /// the photo's camera sees it; --yaw and --pitch then turn the fitted object further.
 #[derive(Args)]

@@ -12,6 +12,8 @@ use onescan::render;
 use onescan_core::rng::Rng;
 use std::path::PathBuf;
 
+/// Draw random instances of a model: meshes, and a sheet of pictures.
+///
 /// Writes `sample_NN.ply` (albedo as vertex colours) and samples.png, a sheet of them all.
 #[derive(Args)]
 pub(super) struct Sample {

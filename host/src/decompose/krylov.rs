@@ -7,9 +7,10 @@
 //! `‖K Q s − θ Q s‖ = ‖R_j s_j‖` costs nothing, `s_j` being the rows of `s` for the last block.
 
 use super::MAX_RESIDUAL;
-use faer::{Accum, Mat, MatRef, Par, Side, linalg::matmul::matmul};
+use faer::{Mat, MatRef, Side};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
 
 /// Stop at half the residual promised.
 const TOLERANCE: f64 = 0.5 * MAX_RESIDUAL;
@@ -22,6 +23,9 @@ const NOISE: f64 = 1e-14;
 /// The part of the trace below which nothing is left to find.
 const NOTHING: f64 = 1e-11;
 
+/// Rows that are multiplied at a time, fixed so that results do not depend on threads.
+const BAND: usize = 4096;
+
 /// A growing Krylov space of one operator.
 pub(super) struct Krylov {
     size: usize,
@@ -29,6 +33,8 @@ pub(super) struct Krylov {
     /// Orthonormal columns, column-major, the last `width` of them not multiplied yet.
     basis: Vec<f64>,
     width: usize,
+    /// Columns multiplied last.
+    previous: usize,
     /// `T` over the columns multiplied so far.
     projected: Mat<f64>,
     /// `R_j` of the last block multiplied.
@@ -57,6 +63,7 @@ impl Krylov {
             trace,
             basis,
             width,
+            previous: 0,
             projected: Mat::new(),
             coupling: Mat::new(),
             norm: 0.0,
@@ -115,16 +122,22 @@ impl Krylov {
         let q = MatRef::from_column_major_slice(&self.basis, self.size, columns);
         self.norm = product.col_iter().fold(self.norm, |norm, c| norm.max(c.norm_l2()));
 
-        // T = Qᵀ K Q, its newest columns and by symmetry rows.
-        let overlap = q.transpose() * &product;
+        // T = Qᵀ K Q, its newest columns and by symmetry rows. Of K Q_j only the parts along Q_j
+        // and Q_{j−1} are more than rounding: K of an earlier block is in the span of those up to
+        // the next.
         let first = columns - self.width;
+        let recent = first - self.previous;
+        let overlap = inner(q.subcols(recent, columns - recent), &product);
         let old = std::mem::replace(&mut self.projected, Mat::zeros(columns, columns));
         self.projected.submatrix_mut(0, 0, first, first).copy_from(&old);
-        self.projected.subcols_mut(first, self.width).copy_from(&overlap);
-        self.projected.subrows_mut(first, self.width).copy_from(overlap.transpose());
+        let count = columns - recent;
+        self.projected.submatrix_mut(recent, first, count, self.width).copy_from(&overlap);
+        self.projected
+            .submatrix_mut(first, recent, self.width, count)
+            .copy_from(overlap.transpose());
 
-        // What leaves the space, K Q_j − Q T_j, is orthogonal to Q only after a second pass.
-        remove(&mut product, q, &overlap);
+        // What leaves the space, K Q_j − Q T_j, is orthogonal to all of Q only after a second pass.
+        remove(&mut product, q.subcols(recent, columns - recent), &overlap);
         let scale = NOISE * self.norm;
         for column in product.col_iter_mut() {
             for entry in column.iter_mut() {
@@ -133,11 +146,12 @@ impl Krylov {
         }
         let factors = product.qr();
         let mut next = factors.compute_thin_Q();
-        let overlap = q.transpose() * &next;
+        let overlap = inner(q, &next);
         remove(&mut next, q, &overlap);
         let next = next.qr().compute_thin_Q();
 
         self.coupling = factors.thin_R().to_owned();
+        self.previous = self.width;
         self.width = self.width.min(self.size - columns);
         append(&mut self.basis, next.subcols(0, self.width));
     }
@@ -170,7 +184,12 @@ impl Krylov {
     pub(super) fn vectors(&self, count: usize) -> Mat<f64> {
         let m = self.dimension();
         let q = MatRef::from_column_major_slice(&self.basis[..self.size * m], self.size, m);
-        q * self.vectors.subcols(0, count)
+        let mut vectors = Mat::zeros(self.size, count);
+        let parts = bands(q, |_, q| q * self.vectors.subcols(0, count));
+        for (rows, part) in (0..).step_by(BAND).zip(&parts) {
+            vectors.subrows_mut(rows, part.nrows()).copy_from(part);
+        }
+        vectors
     }
 
     /// Columns multiplied so far.
@@ -179,9 +198,29 @@ impl Krylov {
     }
 }
 
+/// What `part` makes of each band of rows, by the first of them.
+fn bands<T: Send>(
+    rows: MatRef<'_, f64>,
+    part: impl Fn(usize, MatRef<'_, f64>) -> T + Sync,
+) -> Vec<T> {
+    let band = |first: usize| part(first, rows.subrows(first, BAND.min(rows.nrows() - first)));
+    (0..rows.nrows()).into_par_iter().step_by(BAND).map(band).collect()
+}
+
+/// `qᵀ · block`.
+fn inner(q: MatRef<'_, f64>, block: &Mat<f64>) -> Mat<f64> {
+    let product = |first, q: MatRef<'_, f64>| q.transpose() * block.subrows(first, q.nrows());
+    let parts = bands(q, product);
+    parts.iter().fold(Mat::zeros(q.ncols(), block.ncols()), |sum, part| sum + part)
+}
+
 /// `block −= q · overlap`.
 fn remove(block: &mut Mat<f64>, q: MatRef<'_, f64>, overlap: &Mat<f64>) {
-    matmul(block, Accum::Add, q, overlap, -1.0, Par::Seq);
+    let parts = bands(q, |_, q| q * overlap);
+    for (first, part) in (0..).step_by(BAND).zip(&parts) {
+        let mut rows = block.subrows_mut(first, part.nrows());
+        rows -= part;
+    }
 }
 
 fn append(basis: &mut Vec<f64>, block: MatRef<'_, f64>) {

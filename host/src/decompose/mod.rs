@@ -4,21 +4,26 @@
 //! (3×3 matrix) ⊗ (scalar kernel) whose matrices share eigenvectors, so it falls apart exactly
 //! into a few scalar problems of size V, or of half that when the vertices are symmetric too
 //! (`structure`). The leading eigenpairs of all of them are found together by a block Krylov
-//! method (`krylov`) on exact kernel products (`operator`). Nothing is sampled. Matrices are kept
-//! only while they are small (2 GiB in all); beyond that memory grows with V, not V².
+//! method (`krylov`) on kernel products (`operator`). Nothing is sampled. Matrices are kept only
+//! while they are small (2 GiB in all); beyond that time and memory grow with V, not V².
 //!
 //! Results are the same at every number of threads.
 
 mod commuting;
+mod grid;
 mod krylov;
+mod lanes;
+mod near;
 mod operator;
 mod structure;
+mod tiles;
 
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Vertex, block, trace};
 use crate::model_file::Deviation;
 use faer::MatRef;
 use krylov::Krylov;
+use operator::KEPT_BYTES;
 use rayon::prelude::*;
 use structure::{Structure, Use};
 
@@ -31,6 +36,8 @@ pub const MAX_COMPONENTS: usize = 2000;
 /// Pairs below this fraction of the leading eigenvalue are rounding noise of a
 /// rank-deficient kernel.
 const POSITIVE: f64 = 1e-9;
+/// The same where products are not exact.
+const RESOLVED: f64 = 1e-6;
 
 /// Receives the fraction done, in `[0, 1]`, and what is being done.
 pub type Progress<'a> = dyn FnMut(f64, &str) + 'a;
@@ -53,7 +60,8 @@ pub struct Decomposition {
     pub variances: Vec<f64>,
     /// Trace of the covariance, exact: the sum of all its eigenvalues, kept or not.
     pub total_variance: f64,
-    /// Largest residual `‖K u − λ u‖ / λ`, from one more product over all vertices.
+    /// Largest residual `‖K u − λ u‖ / λ`, from one more product over all vertices; where products
+    /// are not exact, with their error as 256 rows of the exact kernel tell it.
     pub max_residual: f64,
     columns: Vec<Column>,
     vectors: Vec<Vec<f64>>,
@@ -127,6 +135,17 @@ pub fn decompose(
     truncation: Truncation,
     progress: &mut Progress<'_>,
 ) -> Result<Decomposition> {
+    decompose_within(KEPT_BYTES, kernel, vertices, truncation, progress)
+}
+
+/// [`decompose`], of whose matrices at most so many bytes are kept.
+fn decompose_within(
+    kept_bytes: usize,
+    kernel: &Kernel,
+    vertices: &[Vertex],
+    truncation: Truncation,
+    progress: &mut Progress<'_>,
+) -> Result<Decomposition> {
     if truncation == Truncation::Rank(0) {
         // The trace is all there is to know: no need of V² values of the kernel.
         let terms = kernel.terms();
@@ -139,7 +158,7 @@ pub fn decompose(
             vectors: Vec::new(),
         });
     }
-    let structure = Structure::new(kernel, vertices)?;
+    let structure = Structure::new(kernel, vertices, kept_bytes)?;
     let operator = &structure.operator;
     let mut problems: Vec<Problem> = structure
         .uses
@@ -155,14 +174,15 @@ pub fn decompose(
             uses: uses.clone(),
         })
         .collect();
+    let floor = if operator.is_exact() { POSITIVE } else { RESOLVED };
     let total: f64 = problems.iter().map(Problem::total_variance).sum();
     let limit = MAX_COMPONENTS.min(3 * vertices.len());
 
     let kept = loop {
-        let mut candidates = merged(&problems);
+        let mut candidates = merged(&problems, floor);
         let wanted = wanted(&candidates, truncation, total, limit);
         let cutoff = candidates.get(wanted.wrapping_sub(1)).map_or(0.0, |c| c.variance);
-        let lagging: Vec<bool> = problems.iter().map(|p| p.lags(cutoff)).collect();
+        let lagging: Vec<bool> = problems.iter().map(|p| p.lags(cutoff, floor)).collect();
         candidates.truncate(wanted);
         let converged = |c: &&Candidate| problems[c.problem].krylov.converged(c.ritz);
         if let Truncation::Variance(fraction) = truncation {
@@ -199,7 +219,7 @@ fn check_reach(leading: &[f64], fraction: f64, total: f64, limit: usize) -> Resu
 }
 
 /// All positive pairs found so far, largest variance first.
-fn merged(problems: &[Problem]) -> Vec<Candidate> {
+fn merged(problems: &[Problem], floor: f64) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = Vec::new();
     for (p, problem) in problems.iter().enumerate() {
         for (ritz, theta) in problem.krylov.values().iter().enumerate() {
@@ -213,7 +233,7 @@ fn merged(problems: &[Problem]) -> Vec<Candidate> {
     }
     // Stable, so equal variances keep the order of problems, pairs and roles.
     all.sort_by(|a, b| b.variance.total_cmp(&a.variance));
-    let floor = all.first().map_or(0.0, |c| POSITIVE * c.variance);
+    let floor = all.first().map_or(0.0, |c| floor * c.variance);
     all.retain(|c| c.variance > floor);
     all
 }
@@ -238,9 +258,9 @@ impl Problem {
     }
 
     /// Whether a pair that may belong above `cutoff` (0: as many as there are) is not exact yet.
-    fn lags(&self, cutoff: f64) -> bool {
+    fn lags(&self, cutoff: f64, floor: f64) -> bool {
         let scale = self.uses.iter().map(|role| role.scale).fold(0.0, f64::max);
-        self.krylov.lags(cutoff / scale, POSITIVE)
+        self.krylov.lags(cutoff / scale, floor)
     }
 }
 
@@ -290,9 +310,14 @@ fn finish(
     let mut vectors = Vec::new();
     for (p, (basis, product)) in bases.iter().zip(&products).enumerate() {
         first[p] = vectors.len();
+        let errors = if structure.operator.is_exact() {
+            vec![0.0; ranks[p]]
+        } else {
+            structure.operator.error(p, basis.as_ref(), product.as_ref())
+        };
         for (j, theta) in problems[p].krylov.values().iter().take(ranks[p]).enumerate() {
             let residual = product.col(j) - faer::Scale(*theta) * basis.col(j);
-            max_residual = max_residual.max(residual.norm_l2() / theta);
+            max_residual = max_residual.max((residual.norm_l2() + errors[j]) / theta);
             vectors.push(structure.expand(p, basis.col(j)));
         }
     }
@@ -314,4 +339,36 @@ fn leading_sign(values: &[f64]) -> f64 {
     let largest = values.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
     let leader = values.iter().find(|v| v.abs() >= largest * (1.0 - 1e-9));
     leader.map_or(1.0, |v| v.signum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::{Axis, Preset};
+
+    #[test]
+    fn large_meshes_decompose_like_small_ones() {
+        // A dented mask, its two sides alike or not.
+        let vertex = |i: usize, bend: f64| {
+            let [x, y] = [(i % 41) as f64 * 3.0 - 60.0, (i / 41) as f64 * 3.0];
+            let z = 20.0 * (x / 35.0).cos() + 5.0 * (y / 9.0).sin();
+            let shade = 0.5 + 0.2 * (x.abs() / 17.0).sin() * (y / 11.0).cos();
+            Vertex { position: [x, y + bend * x, z], color: [shade, 0.8 * shade, 0.5 - z / 99.0] }
+        };
+        let preset = Preset::named("symmetric-full").unwrap();
+        for (bend, axis) in [(0.0, Axis::X), (0.1, Axis::X)] {
+            let vertices: Vec<Vertex> = (0..41 * 50).map(|i| vertex(i, bend)).collect();
+            for kernel in [preset.shape(Some(axis)), preset.albedo(Some(axis))] {
+                let rank = Truncation::Rank(120);
+                let silent = &mut |_: f64, _: &str| {};
+                let small = decompose_within(KEPT_BYTES, &kernel, &vertices, rank, silent).unwrap();
+                let large = decompose_within(0, &kernel, &vertices, rank, silent).unwrap();
+                assert!(large.max_residual <= MAX_RESIDUAL, "{}", large.max_residual);
+                assert_eq!(large.rank(), 120);
+                for (a, b) in small.variances.iter().zip(&large.variances) {
+                    assert!((a / b - 1.0).abs() < 1e-5, "{a} {b}");
+                }
+            }
+        }
+    }
 }

@@ -1,34 +1,32 @@
-//! Exact products of kernel matrices with blocks of vectors, a tile of the kernel at a time.
+//! Exact products of kernel matrices with blocks of vectors.
 //!
 //! Problem `p` is the symmetric matrix `K_p[i, j] = c_i c_j Σ_a w_a exp(−‖x_i − Φ_a x_j‖²/σ_a²)`.
-//! All problems share the points and the Gaussians `a`; they differ in weights `w` and scales
-//! `c`. So one sweep evaluates each Gaussian once and serves them all.
+//! All problems share the points and the Gaussians `a`; they differ in weights `w` and scales `c`.
+//!
+//! Of few points the values are evaluated once and kept (`tiles`). Of many, n² values are too many
+//! for memory and time, but no Gaussian needs them: a short one vanishes between most points
+//! (`near`), a wide one goes by way of a grid (`grid`). Both are right to 1e-6 of its largest
+//! value; [`Operator::error`] measures what comes of that.
 
-// Without it `pulp`'s dispatch compiles for the base instruction set.
-#![allow(clippy::inline_always)]
-
-use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
+use super::grid::{self, Grid, Workspace};
+use super::lanes::{LANES, Lanes};
+use super::near::{self, Near};
+use super::tiles::{self, Metric, Tiles};
+use faer::{Mat, MatRef};
 use rayon::prelude::*;
-use std::ops::Range;
 
-/// Rows of a tile: the unit of parallel work, fixed so that results do not depend on threads.
-const ROWS: usize = 128;
-/// Columns of a tile, which at 256 KiB stays in the second-level cache.
-const COLUMNS: usize = 256;
+/// Kernel matrices up to this many bytes in all are evaluated once and kept.
+pub(super) const KEPT_BYTES: usize = 2 << 30;
 
-/// Kernel matrices up to this many bytes in all are evaluated once and kept; larger ones are
-/// evaluated again in every product, so that memory stays linear in the number of points.
-const KEPT_BYTES: usize = 2 << 30;
+/// Rows of the exact matrices that products are compared with.
+const CHECKED: usize = 256;
+/// So many at once.
+const CHECKED_TOGETHER: usize = 16;
 
-/// Points compared under one metric, and the Gaussians that use it.
-pub(super) struct Metric {
-    /// Coordinates `x`, one vector per axis.
-    pub(super) from: [Vec<f64>; 3],
-    /// Coordinates `Φ x`.
-    pub(super) to: [Vec<f64>; 3],
-    /// `1/σ²` of each Gaussian.
-    pub(super) rates: Vec<f64>,
-}
+/// Multiplications that cost as much as one in a matrix product: in a Gaussian's evaluation (for
+/// some 32 columns at once), and in spreading to a grid.
+const EVALUATION: f64 = 1.5;
+const SPREADING: f64 = 1.0;
 
 /// One kernel matrix over the points.
 pub(super) struct Weights {
@@ -42,21 +40,37 @@ pub(super) struct Weights {
 pub(super) struct Operator {
     metrics: Vec<Metric>,
     problems: Vec<Weights>,
-    /// Per problem and band of rows all tiles from left to right, if they are kept.
-    kept: Option<Vec<Vec<Vec<f64>>>>,
+    products: Products,
+}
+
+enum Products {
+    Kept(Tiles),
+    Split {
+        /// Points in the order products have them, near ones together.
+        order: Vec<usize>,
+        near: Near,
+        smooth: Vec<Smooth>,
+    },
+}
+
+/// Gaussians that are smooth over the points, and their mirror images, by one grid.
+struct Smooth {
+    /// Which weights are theirs.
+    gaussians: Vec<[Option<usize>; 2]>,
+    grid: Grid,
 }
 
 impl Operator {
-    pub(super) fn new(metrics: Vec<Metric>, problems: Vec<Weights>) -> Self {
-        let mut operator = Self { metrics, problems, kept: None };
-        let n = operator.size();
-        if n * n * operator.problems.len() * size_of::<f64>() <= KEPT_BYTES {
-            let weights: Vec<&[f64]> =
-                operator.problems.iter().map(|p| p.gaussians.as_slice()).collect();
-            let band = |top| operator.tiles(top..n.min(top + ROWS), 0..n, &weights);
-            operator.kept = Some((0..n).into_par_iter().step_by(ROWS).map(band).collect());
-        }
-        operator
+    /// The matrices; of their values at most `kept_bytes` are kept.
+    pub(super) fn new(metrics: Vec<Metric>, problems: Vec<Weights>, kept_bytes: usize) -> Self {
+        let n = problems.first().map_or(0, |p| p.scales.len());
+        let weights: Vec<&[f64]> = problems.iter().map(|p| p.gaussians.as_slice()).collect();
+        let products = if n * n * problems.len() * size_of::<f64>() <= kept_bytes {
+            Products::Kept(Tiles::new(&metrics, &weights))
+        } else {
+            Products::split(&metrics, &weights)
+        };
+        Self { metrics, problems, products }
     }
 
     /// Number of points: rows and columns of each matrix.
@@ -74,228 +88,275 @@ impl Operator {
         (0..self.size()).map(|i| scales[i] * scales[i] * diagonal(i)).sum()
     }
 
-    /// Columns a block should have for products to be efficient: where the kernel is evaluated
-    /// anew each time, enough for the multiplications to outweigh that.
+    /// Columns a block should have for products to be efficient.
     pub(super) fn block_width(&self) -> usize {
-        if self.kept.is_some() { 48 } else { 128 }
+        if self.is_exact() { 48 } else { 32 }
     }
 
-    /// `K_p X_p` for each `(p, X_p)` of `inputs`, in one sweep over the kernel.
+    /// Whether products are exact but for rounding.
+    pub(super) fn is_exact(&self) -> bool {
+        matches!(self.products, Products::Kept(_))
+    }
+
+    /// `K_p X_p` for each `(p, X_p)` of `inputs`.
     pub(super) fn apply(&self, inputs: &[(usize, MatRef<'_, f64>)]) -> Vec<Mat<f64>> {
         let n = self.size();
-        let scales = |p: usize| &self.problems[p].scales;
-        let scaled: Vec<Mat<f64>> = inputs
+        // Where the i-th point of the products is.
+        let place = |i: usize| match &self.products {
+            Products::Kept(_) => i,
+            Products::Split { order, .. } => order[i],
+        };
+        let scale = |p: usize, i: usize| self.problems[p].scales[place(i)];
+        let moved: Vec<(usize, Mat<f64>)> = inputs
             .iter()
-            .map(|&(p, x)| Mat::from_fn(n, x.ncols(), |i, j| scales(p)[i] * x[(i, j)]))
+            .map(|&(p, x)| (p, Mat::from_fn(n, x.ncols(), |i, j| scale(p, i) * x[(place(i), j)])))
             .collect();
-        let bands: Vec<Vec<Mat<f64>>> = (0..n)
-            .into_par_iter()
-            .step_by(ROWS)
-            .map(|top| self.apply_band(top..n.min(top + ROWS), inputs, &scaled))
-            .collect();
-        let output = |(k, &(p, x)): (usize, &(usize, MatRef<'_, f64>))| {
-            let value = |i: usize, j: usize| bands[i / ROWS][k][(i % ROWS, j)];
-            Mat::from_fn(n, x.ncols(), |i, j| scales(p)[i] * value(i, j))
-        };
-        inputs.iter().enumerate().map(output).collect()
-    }
-
-    /// Some rows of the products, not scaled yet.
-    fn apply_band(
-        &self,
-        rows: Range<usize>,
-        inputs: &[(usize, MatRef<'_, f64>)],
-        scaled: &[Mat<f64>],
-    ) -> Vec<Mat<f64>> {
-        let n = self.size();
-        let mut outputs: Vec<_> =
-            scaled.iter().map(|x| Mat::zeros(rows.len(), x.ncols())).collect();
-        let multiply = |output: &mut Mat<f64>, tile: &[f64], x: MatRef<'_, f64>| {
-            let tile = MatRef::from_column_major_slice(tile, rows.len(), x.nrows());
-            matmul(output, Accum::Add, tile, x, 1.0, Par::Seq);
-        };
-        if let Some(kept) = &self.kept {
-            let tiles = &kept[rows.start / ROWS];
-            for ((output, x), (p, _)) in outputs.iter_mut().zip(scaled).zip(inputs) {
-                multiply(output, &tiles[*p], x.as_ref());
-            }
-        } else {
-            let weights: Vec<&[f64]> =
-                inputs.iter().map(|(p, _)| self.problems[*p].gaussians.as_slice()).collect();
-            for left in (0..n).step_by(COLUMNS) {
-                let columns = left..n.min(left + COLUMNS);
-                let tiles = self.tiles(rows.clone(), columns.clone(), &weights);
-                for ((output, x), tile) in outputs.iter_mut().zip(scaled).zip(&tiles) {
-                    multiply(output, tile, x.subrows(left, columns.len()));
+        let mut outputs: Vec<Mat<f64>> =
+            inputs.iter().map(|(_, x)| Mat::zeros(n, x.ncols())).collect();
+        match &self.products {
+            Products::Kept(tiles) => tiles.apply(&moved, &mut outputs),
+            Products::Split { near, smooth, .. } => {
+                near.apply(&moved, &mut outputs);
+                for smooth in smooth {
+                    for ((p, x), output) in moved.iter().zip(&mut outputs) {
+                        smooth.apply(x, &self.problems[*p].gaussians, output);
+                    }
                 }
+            }
+        }
+        for (product, (p, _)) in outputs.iter_mut().zip(&moved) {
+            for mut column in product.col_iter_mut() {
+                let scaled: Vec<f64> = (0..n).map(|i| scale(*p, i) * column[i]).collect();
+                scaled.iter().enumerate().for_each(|(i, y)| column[place(i)] = *y);
             }
         }
         outputs
     }
 
-    /// Kernel values at `rows × columns`, column-major, for each set of weights.
-    fn tiles(
+    /// By column of `x`, how far `product`, which is [`Self::apply`]'s, is from the exact product:
+    /// the norm of their difference, estimated from 256 of its entries.
+    pub(super) fn error(
         &self,
-        rows: Range<usize>,
-        columns: Range<usize>,
-        weights: &[&[f64]],
-    ) -> Vec<Vec<f64>> {
-        let mut tiles = vec![vec![0.0; rows.len() * columns.len()]; weights.len()];
-        pulp::Arch::new().dispatch(Fill {
-            metrics: &self.metrics,
-            rows,
-            columns,
-            weights,
-            tiles: &mut tiles,
+        problem: usize,
+        x: MatRef<'_, f64>,
+        product: MatRef<'_, f64>,
+    ) -> Vec<f64> {
+        let n = self.size();
+        let rows: Vec<usize> = (0..n).step_by(n.div_ceil(CHECKED).max(1)).collect();
+        let Weights { gaussians, scales } = &self.problems[problem];
+        let parts = rows.par_chunks(CHECKED_TOGETHER).map(|rows| {
+            let mut exact = Mat::zeros(n, rows.len());
+            for (row, &i) in exact.col_iter_mut().zip(rows) {
+                let values = tiles::column(&self.metrics, gaussians, i);
+                for ((entry, value), scale) in row.iter_mut().zip(values).zip(scales) {
+                    *entry = scales[i] * scale * value;
+                }
+            }
+            let exact = exact.transpose() * x;
+            let square =
+                |(r, &i): (usize, &usize), k| -> f64 { (exact[(r, k)] - product[(i, k)]).powi(2) };
+            let sum = |k| rows.iter().enumerate().map(|row| square(row, k)).sum();
+            (0..x.ncols()).map(sum).collect::<Vec<f64>>()
         });
-        tiles
+        let parts: Vec<Vec<f64>> = parts.collect();
+        let share = n as f64 / rows.len() as f64;
+        let norm = |k: usize| (share * parts.iter().map(|part| part[k]).sum::<f64>()).sqrt();
+        (0..x.ncols()).map(norm).collect()
     }
 }
 
-/// Adds the kernel values to tiles of zeros: plain loops that the compiler vectorises for
-/// whatever instruction set `pulp` finds at run time.
-struct Fill<'a> {
-    metrics: &'a [Metric],
-    rows: Range<usize>,
-    columns: Range<usize>,
-    weights: &'a [&'a [f64]],
-    tiles: &'a mut [Vec<f64>],
+impl Products {
+    fn split(metrics: &[Metric], weights: &[&[f64]]) -> Self {
+        let order = near::order(metrics);
+        let moved: Vec<Metric> = metrics
+            .iter()
+            .map(|metric| Metric {
+                points: metric.points.each_ref().map(|x| order.iter().map(|&i| x[i]).collect()),
+                ..metric.clone()
+            })
+            .collect();
+        let (wide, narrow): (Vec<Both<'_>>, Vec<Both<'_>>) =
+            both_sides(&moved).into_iter().partition(Both::suits_grid);
+        let mut short: Vec<usize> =
+            narrow.iter().flat_map(|both| both.gaussians).flatten().collect();
+        short.sort_unstable();
+        let smooth = grouped(wide).iter().map(|group| Smooth::new(group)).collect();
+        let part = |weights: &&[f64]| short.iter().map(|&a| weights[a]).collect();
+        let near = Near::new(restricted(&moved, &short), weights.iter().map(part).collect());
+        Self::Split { order, near, smooth }
+    }
 }
 
-impl pulp::WithSimd for Fill<'_> {
-    type Output = ();
+impl Smooth {
+    /// A group whose narrowest comes first.
+    fn new(group: &[Both<'_>]) -> Self {
+        let rates: Vec<f64> = group.iter().map(|both| both.rate).collect();
+        Self {
+            gaussians: group.iter().map(|both| both.gaussians).collect(),
+            grid: Grid::new(&group[0].metric.points, group[0].mirror(), &rates),
+        }
+    }
 
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let count = self.rows.len();
-        let (mut distances, mut values) = ([0.0; ROWS], [0.0; ROWS]);
-        let (distances, values) = (&mut distances[..count], &mut values[..count]);
-        for (column, j) in self.columns.enumerate() {
-            let mut gaussian = 0;
-            for metric in self.metrics {
-                let [xs, ys, zs] = [0, 1, 2].map(|k| &metric.from[k][self.rows.clone()]);
-                let [x, y, z] = [0, 1, 2].map(|k| metric.to[k][j]);
-                for (((d, a), b), c) in distances.iter_mut().zip(xs).zip(ys).zip(zs) {
-                    *d = (a - x) * (a - x) + (b - y) * (b - y) + (c - z) * (c - z);
-                }
-                for rate in &metric.rates {
-                    for (value, d) in values.iter_mut().zip(distances.iter()) {
-                        *value = exp_of_negative(rate * d);
-                    }
-                    for (tile, w) in self.tiles.iter_mut().zip(self.weights) {
-                        let tile = &mut tile[column * count..][..count];
-                        add_multiple(tile, w[gaussian], values);
-                    }
-                    gaussian += 1;
-                }
+    fn apply(&self, x: &Mat<f64>, weights: &[f64], output: &mut Mat<f64>) {
+        let weight = |a: Option<usize>| a.map_or(0.0, |a| weights[a]);
+        let weights: Vec<[f64; 2]> = self.gaussians.iter().map(|both| both.map(weight)).collect();
+        if weights.iter().all(|both| *both == [0.0; 2]) {
+            return;
+        }
+        let product = |workspace: &mut Workspace, first: usize| {
+            let columns = LANES.min(x.ncols() - first);
+            (first, self.grid.apply(x.subcols(first, columns), &weights, workspace))
+        };
+        let products: Vec<(usize, Vec<Lanes>)> = (0..x.ncols())
+            .into_par_iter()
+            .step_by(LANES)
+            .map_init(Workspace::default, product)
+            .collect();
+        for (first, product) in products {
+            for (lane, column) in output.col_iter_mut().skip(first).take(LANES).enumerate() {
+                column.iter_mut().zip(&product).for_each(|(sum, y)| *sum += y[lane]);
             }
         }
     }
 }
 
-/// `sum += w · values`, on a slice each so that the compiler sees they do not overlap.
-#[inline(always)]
-fn add_multiple(sum: &mut [f64], w: f64, values: &[f64]) {
-    for (s, v) in sum.iter_mut().zip(values) {
-        *s += w * v;
+/// A Gaussian and its mirror image, whichever there are.
+struct Both<'a> {
+    /// The metric of either: they have the same points.
+    metric: &'a Metric,
+    /// The mirror, if there is one.
+    negates: Option<[bool; 3]>,
+    rate: f64,
+    gaussians: [Option<usize>; 2],
+}
+
+/// Pairs each Gaussian with its mirror image.
+fn both_sides(metrics: &[Metric]) -> Vec<Both<'_>> {
+    let mut all: Vec<Both<'_>> = Vec::new();
+    let mut gaussian = 0;
+    for metric in metrics {
+        let side = usize::from(metric.negates != [false; 3]);
+        for &rate in &metric.rates {
+            let same = |both: &Both<'_>| {
+                both.rate.to_bits() == rate.to_bits()
+                    && both.gaussians[side].is_none()
+                    && both.metric.points == metric.points
+            };
+            let known = all.iter().position(same).unwrap_or(all.len());
+            if known == all.len() {
+                all.push(Both { metric, negates: None, rate, gaussians: [None; 2] });
+            }
+            let both = &mut all[known];
+            both.gaussians[side] = Some(gaussian);
+            if side == 1 {
+                both.negates = Some(metric.negates);
+            }
+            gaussian += 1;
+        }
+    }
+    all
+}
+
+impl Both<'_> {
+    fn mirror(&self) -> [bool; 3] {
+        self.negates.unwrap_or([false; 3])
+    }
+
+    /// Whether a grid is cheaper than tiles.
+    fn suits_grid(&self) -> bool {
+        let Metric { points, .. } = self.metric;
+        let sides: Vec<Metric> = [Some([false; 3]), self.negates]
+            .into_iter()
+            .flatten()
+            .map(|negates| Metric { points: points.clone(), negates, rates: vec![self.rate] })
+            .collect();
+        let [spread, filter] = grid::work(points, self.mirror(), self.rate);
+        spread * SPREADING + filter < near::entries(&sides) as f64 * EVALUATION
     }
 }
 
-impl Metric {
-    /// `‖x_i − Φ x_j‖²`.
-    fn distance(&self, i: usize, j: usize) -> f64 {
-        (0..3).map(|k| (self.from[k][i] - self.to[k][j]).powi(2)).sum()
+/// Gaussians that are to share a grid, the narrowest first: where filtering it once more costs less
+/// than spreading to another.
+fn grouped(mut all: Vec<Both<'_>>) -> Vec<Vec<Both<'_>>> {
+    all.sort_by(|a, b| b.rate.total_cmp(&a.rate));
+    let mut groups: Vec<Vec<Both<'_>>> = Vec::new();
+    for both in all {
+        let joins = |group: &&mut Vec<Both<'_>>| {
+            let first = &group[0];
+            let [spread, filter] = grid::work(&first.metric.points, first.mirror(), first.rate);
+            first.metric.points == both.metric.points
+                && first.negates == both.negates
+                && filter < spread * SPREADING
+        };
+        match groups.iter_mut().find(joins) {
+            Some(group) => group.push(both),
+            None => groups.push(vec![both]),
+        }
     }
+    groups
 }
 
-/// `exp(−t)` for `t ≥ 0`, within 3e-14 relative; `t > 700` counts as 700.
-///
-/// `exp(−t) = 2^k e^r` with `k` the nearest integer to `−t / ln 2`, `|r| ≤ ½ ln 2`, and eleven
-/// terms of the series for `e^r` (the twelfth is 6e-15). No branch, no table: vectorisable.
-#[inline(always)]
-fn exp_of_negative(t: f64) -> f64 {
-    // Adding 1.5·2⁵² leaves the nearest integer in the low bits of the sum.
-    const ROUND: f64 = 6_755_399_441_055_744.0;
-    // ln 2 in two parts, the first with trailing zeros so that k·LN2_HI is exact (fdlibm).
-    const LN2_HI: f64 = 6.931_471_803_691_238e-1;
-    const LN2_LO: f64 = 1.908_214_929_270_587_7e-10;
-    let x = if t < 700.0 { -t } else { -700.0 };
-    let shifted = x * std::f64::consts::LOG2_E + ROUND;
-    let k = shifted - ROUND;
-    let r = (x - k * LN2_HI) - k * LN2_LO;
-    let mut series = 1.0 / 39_916_800.0;
-    for c in [
-        1.0 / 3_628_800.0,
-        1.0 / 362_880.0,
-        1.0 / 40_320.0,
-        1.0 / 5_040.0,
-        1.0 / 720.0,
-        1.0 / 120.0,
-        1.0 / 24.0,
-        1.0 / 6.0,
-        0.5,
-        1.0,
-        1.0,
-    ] {
-        series = series * r + c;
-    }
-    // The bits of the integer k, moved to the exponent, make 2^k.
-    series * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
+/// Some of the Gaussians of metrics, by their numbers, ascending.
+fn restricted(metrics: &[Metric], gaussians: &[usize]) -> Vec<Metric> {
+    let mut first = 0;
+    let part = metrics.iter().map(|metric| {
+        let rates = metric.rates.iter().enumerate();
+        let kept = rates.filter(|(k, _)| gaussians.contains(&(first + k))).map(|(_, rate)| *rate);
+        let rates = kept.collect();
+        first += metric.rates.len();
+        Metric { rates, ..metric.clone() }
+    });
+    part.filter(|metric| !metric.rates.is_empty()).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// Both ways of a product at once, with mirrors and without.
     #[test]
-    fn exponential_matches_the_standard_library() {
-        for i in 0..700_000 {
-            let t = f64::from(i) * 1e-3;
-            let (got, want) = (exp_of_negative(t), (-t).exp());
-            assert!((got / want - 1.0).abs() < 3e-14, "exp(-{t}) = {want}, not {got}");
-        }
-        assert!(exp_of_negative(1e6) < 1e-300);
-    }
-
-    #[test]
-    fn products_match_the_sum_written_out_kept_or_not() {
-        let n = 300;
-        let coordinate = |k: usize, sign: f64| -> Vec<f64> {
-            (0..n).map(|i| sign * ((i * (k + 7)) % 83) as f64).collect()
-        };
-        let metric = |signs: [f64; 3], rates: &[f64]| Metric {
-            from: [0, 1, 2].map(|k| coordinate(k, 1.0)),
-            to: [0, 1, 2].map(|k| coordinate(k, signs[k])),
-            rates: rates.to_vec(),
-        };
-        let metrics = vec![metric([1.0; 3], &[1e-3, 0.1]), metric([-1.0, 1.0, 1.0], &[1e-2])];
-        let problem = |gaussians: [f64; 3]| Weights {
-            gaussians: gaussians.to_vec(),
-            scales: (0..n).map(|i| [1.0, 0.5, 0.0][i % 3]).collect(),
-        };
-        let problems = vec![problem([1.0, 0.5, 0.0]), problem([0.2, 1.0, -0.7])];
-        let mut operator = Operator::new(metrics, problems);
-        let x = Mat::from_fn(n, 2, |i, j| ((i + 3 * j) % 11) as f64 - 5.0);
-
-        let value = |p: usize, i: usize, j: usize| -> f64 {
-            let Weights { gaussians: w, scales: c } = &operator.problems[p];
-            let [a, b] = [0, 1].map(|m| operator.metrics[m].distance(i, j));
-            let sum = w[0] * (-1e-3 * a).exp() + w[1] * (-0.1 * a).exp() + w[2] * (-1e-2 * b).exp();
-            c[i] * c[j] * sum
-        };
-        let expected = [1, 0].map(|p| {
-            Mat::from_fn(n, 2, |i, k| (0..n).map(|j| value(p, i, j) * x[(j, k)]).sum::<f64>())
+    fn products_are_the_same_whether_values_are_kept_or_not() {
+        let n = 4000;
+        // A dented sheet.
+        let points = [0, 1, 2].map(|k| {
+            let at = |i: usize| {
+                let [x, y] = [(i % 80) as f64 * 2.5 - 95.0, (i / 80) as f64 * 4.0];
+                [x, y, 9.0 * (x / 20.0).sin() * (y / 30.0).cos()][k]
+            };
+            (0..n).map(at).collect::<Vec<f64>>()
         });
-        for p in 0..2 {
-            let trace: f64 = (0..n).map(|i| value(p, i, i)).sum();
-            assert!((operator.trace(p) - trace).abs() < 1e-9);
-        }
+        let rates: Vec<f64> = [100.0_f64, 15.0, 2.0].iter().map(|s| s.powi(-2)).collect();
+        let metrics = [[false; 3], [true, false, false]].map(|negates| Metric {
+            points: points.clone(),
+            negates,
+            rates: rates.clone(),
+        });
+        let problem = |gaussians: [f64; 6], odd: f64| Weights {
+            gaussians: gaussians.to_vec(),
+            scales: (0..n).map(|i| if i % 7 == 0 { odd } else { 1.0 }).collect(),
+        };
+        let make = |bytes: usize| {
+            let problems =
+                vec![problem([7.0, 3.0, 1.0, 4.9, 2.1, 0.7], 0.7), problem([1.0; 6], 0.0)];
+            Operator::new(metrics.to_vec(), problems, bytes)
+        };
+        let (kept, split) = (make(KEPT_BYTES), make(0));
+        assert!(kept.is_exact());
+        let Products::Split { smooth, .. } = &split.products else { panic!("kept") };
+        let wide: usize = smooth.iter().map(|smooth| smooth.gaussians.len()).sum();
+        assert_eq!(wide, 2, "the shortest vanishes between most points");
+        assert_eq!(kept.trace(0), split.trace(0));
+        let x = Mat::from_fn(n, 3, |i, j| f64::from(((i * 5 + j * 3) % 11) as u32) - 5.0);
         let inputs = [(1, x.as_ref()), (0, x.as_ref())];
-        let kept = operator.apply(&inputs);
-        operator.kept = None;
-        for products in [kept, operator.apply(&inputs)] {
-            for (product, expected) in products.iter().zip(&expected) {
-                assert!((product - expected).norm_max() < 1e-9);
+        let (expected, found) = (kept.apply(&inputs), split.apply(&inputs));
+        for ((a, b), (p, _)) in expected.iter().zip(&found).zip(inputs) {
+            for k in 0..3 {
+                let scale = a.col(k).norm_l2();
+                let error = (a.col(k) - b.col(k)).norm_l2();
+                assert!(error <= 1e-6 * scale, "{:e}", error / scale);
+                let estimate = split.error(p, x.as_ref(), b.as_ref())[k];
+                assert!((0.5..2.0).contains(&(estimate / error)), "{estimate:e} of {error:e}");
+                assert!(kept.error(p, x.as_ref(), a.as_ref())[k] < 1e-11 * scale);
             }
         }
     }

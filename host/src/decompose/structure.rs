@@ -13,7 +13,8 @@
 //!    (x, y and z of a symmetric shape model; both chroma directions).
 
 use super::commuting::{joint_eigenvectors, quadratic};
-use super::operator::{Metric, Operator, Weights};
+use super::operator::{Operator, Weights};
+use super::tiles::Metric;
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Matrix3, Space, Term, Vertex, reflect};
 use faer::ColRef;
@@ -69,7 +70,7 @@ struct Orbit {
 type Atom = Term;
 
 impl Structure {
-    pub(super) fn new(kernel: &Kernel, vertices: &[Vertex]) -> Result<Self> {
+    pub(super) fn new(kernel: &Kernel, vertices: &[Vertex], kept_bytes: usize) -> Result<Self> {
         let atoms = atoms(kernel);
         let matrices: Vec<Matrix3> = atoms.iter().map(|a| a.matrix).collect();
         let directions = joint_eigenvectors(&matrices).ok_or_else(|| {
@@ -104,7 +105,7 @@ impl Structure {
             gaussians: scalar.weights.clone(),
             scales: orbits.iter().map(|orbit| scalar.sector.scale(orbit)).collect(),
         });
-        let operator = Operator::new(metrics, problems.collect());
+        let operator = Operator::new(metrics, problems.collect(), kept_bytes);
         let (sectors, uses) = scalars.into_iter().map(|s| (s.sector, s.uses)).unzip();
         Ok(Self { operator, uses, sectors, orbits, vertices: vertices.len() })
     }
@@ -263,13 +264,13 @@ fn metrics(atoms: &[Atom], vertices: &[Vertex], orbits: &[Orbit]) -> (Vec<Metric
         }
         let members: Vec<usize> =
             (first..atoms.len()).filter(|&a| atoms[a].same_metric(atom)).collect();
-        let coordinate = |k: usize, phi: [bool; 3]| -> Vec<f64> {
+        let coordinate = |k: usize| -> Vec<f64> {
             let of = |v: &Vertex| if atom.space == Space::Color { v.color } else { v.position };
-            orbits.iter().map(|orbit| reflect(of(&vertices[orbit.vertex]), phi)[k]).collect()
+            orbits.iter().map(|orbit| of(&vertices[orbit.vertex])[k]).collect()
         };
         metrics.push(Metric {
-            from: std::array::from_fn(|k| coordinate(k, PLAIN)),
-            to: std::array::from_fn(|k| coordinate(k, atom.negates)),
+            points: std::array::from_fn(coordinate),
+            negates: atom.negates,
             rates: members.iter().map(|&a| atoms[a].sigma.powi(-2)).collect(),
         });
         order.extend(members);

@@ -172,29 +172,14 @@ fn deviate(
     rank: usize,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Process> {
-    let vertices: Vec<Vertex> = mesh
-        .points
-        .iter()
-        .zip(&mesh.colors)
-        .map(|(p, c)| Vertex { position: p.map(f64::from), color: c.map(f64::from) })
-        .collect();
+    let vertices = Vertex::all(&mesh.points, &mesh.colors);
     let deviation =
         decompose(kernel, &vertices, Truncation::Rank(rank), &mut |done, _| progress(done))?;
     Ok(Process::around(mean, &deviation))
 }
 
 fn morphable(mesh: &Mesh, shape: Process, albedo: Process) -> Morphable {
-    let triangles = mesh.triangles.clone();
-    Morphable {
-        shape,
-        albedo,
-        expression: None,
-        reference: None,
-        triangles,
-        landmarks: Vec::new(),
-        uncertainties: std::collections::BTreeMap::new(),
-        provenance: String::new(),
-    }
+    Morphable::new(shape, albedo, mesh.triangles.clone(), Vec::new(), String::new())
 }
 
 /// Means over models, point by point; standard errors are of these means.

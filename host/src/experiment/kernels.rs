@@ -43,12 +43,7 @@ pub fn run(
     seed: u64,
     progress: &mut Progress<'_>,
 ) -> Result<Vec<Column>> {
-    let vertices: Vec<Vertex> = scan
-        .points
-        .iter()
-        .zip(&scan.colors)
-        .map(|(p, c)| Vertex { position: p.map(f64::from), color: c.map(f64::from) })
-        .collect();
+    let vertices = Vertex::all(&scan.points, &scan.colors);
     let template = OwnedModel::rigid(scan, &[])?;
     let mut scene = render::portrait(&template.view(), [SIDE; 2], 0.0, 0.0);
     scene.light = ambient_white();

@@ -3,9 +3,11 @@
 //! | room | experiment |
 //! |---|---|
 //! | [`kernels`] | samples of the ten kernels |
+//! | [`decomposition`] | exact components beside sampled ones, and what they cost |
 //! | [`compactness`] | one-scan models beside a model of 60 people: how compact, general, specific |
 //! | [`faces`] | the faces they are made on |
 
 pub mod compactness;
+pub mod decomposition;
 pub mod faces;
 pub mod kernels;

@@ -230,6 +230,17 @@ impl Term {
     }
 }
 
+impl Vertex {
+    /// The vertices of a mesh: as many positions, in millimetres, as colours.
+    pub fn all(points: &[[f32; 3]], colors: &[[f32; 3]]) -> Vec<Self> {
+        let of = |(p, c): (&[f32; 3], &[f32; 3])| Self {
+            position: p.map(f64::from),
+            color: c.map(f64::from),
+        };
+        points.iter().zip(colors).map(of).collect()
+    }
+}
+
 /// The sum of a kernel's terms at vertices `x` and `y`.
 pub fn block(terms: &[Term], x: &Vertex, y: &Vertex) -> Matrix3 {
     let mut block = [[0.0; 3]; 3];

@@ -5,7 +5,7 @@
 //! | [`mod@project`] | a mesh → its coefficients → the model's mesh that explains it |
 //! | [`posterior`] | the model that knows some vertices |
 //! | [`region`] | the model of some of the vertices |
-//! | [`reference`](mod@reference) | the same deviations from another mean |
+//! | [`recentre`] | the same deviations from another mean |
 //! | [`augment`] | deviations of two models together |
 //! | [`pca`] | the model of registered meshes |
 //! | [`orthonormal`] | the same covariance in orthonormal components, leading ones first |
@@ -19,7 +19,7 @@ pub mod orthonormal;
 pub mod pca;
 pub mod posterior;
 pub mod project;
-pub mod reference;
+pub mod recentre;
 pub mod region;
 
 use faer::Mat;
@@ -53,31 +53,21 @@ pub(crate) mod tests {
         let mean = (0..vertices).map(|_| [0; 3].map(|_| rng.normal_sd(20.0))).collect();
         let basis = Mat::from_fn(3 * vertices, rank, |_, _| rng.normal());
         let variances: Vec<f64> = (0..rank).map(|k| 4.0 / (1.0 + k as f64)).collect();
-        let total_variance = held(&basis, &variances);
-        Process { mean, basis, variances, noise: 0.0, total_variance }
-    }
-
-    pub(crate) fn held(basis: &Mat<f64>, variances: &[f64]) -> f64 {
-        basis.col_iter().zip(variances).map(|(u, v)| v * u.squared_norm_l2()).sum()
+        Process::new(mean, basis, variances, 0.0)
     }
 
     /// A strip of triangles whose shape and albedo are [`process`]es.
     pub(crate) fn morphable(vertices: usize, rank: usize, seed: u64) -> Morphable {
         let mut albedo = process(vertices, rank, seed + 100);
         albedo.mean = albedo.mean.iter().map(|c| c.map(|x| 0.5 + 0.01 * x)).collect();
-        Morphable {
-            expression: None,
-            reference: None,
-            uncertainties: std::collections::BTreeMap::new(),
-            shape: process(vertices, rank, seed),
+        let landmark = |name: &str, vertex| Landmark { name: name.into(), vertex };
+        Morphable::new(
+            process(vertices, rank, seed),
             albedo,
-            triangles: (2..vertices as u32).map(|i| [i - 2, i - 1, i]).collect(),
-            landmarks: vec![
-                Landmark { name: "first".into(), vertex: 0 },
-                Landmark { name: "third".into(), vertex: 2 },
-            ],
-            provenance: "scan = \"strip\"\n".into(),
-        }
+            (2..vertices as u32).map(|i| [i - 2, i - 1, i]).collect(),
+            vec![landmark("first", 0), landmark("third", 2)],
+            "scan = \"strip\"\n".into(),
+        )
     }
 
     /// `Q Qᵀ`.

@@ -55,20 +55,18 @@ impl Morphable {
     pub fn of_meshes(meshes: &[Mesh], landmarks: Vec<Landmark>) -> Result<Self> {
         let points: Vec<&[[f32; 3]]> = meshes.iter().map(|mesh| &mesh.points[..]).collect();
         let colors: Vec<&[[f32; 3]]> = meshes.iter().map(|mesh| &mesh.colors[..]).collect();
-        Ok(Self {
-            shape: Process::of_samples(&points)?,
-            albedo: Process::of_samples(&colors)?,
-            expression: None,
-            reference: None,
-            uncertainties: std::collections::BTreeMap::new(),
-            triangles: meshes[0].triangles.clone(),
+        let provenance = format!(
+            "onescan = \"{}\"\nprincipal_components_of = {}\n",
+            env!("CARGO_PKG_VERSION"),
+            meshes.len()
+        );
+        Ok(Self::new(
+            Process::of_samples(&points)?,
+            Process::of_samples(&colors)?,
+            meshes[0].triangles.clone(),
             landmarks,
-            provenance: format!(
-                "onescan = \"{}\"\nprincipal_components_of = {}\n",
-                env!("CARGO_PKG_VERSION"),
-                meshes.len()
-            ),
-        })
+            provenance,
+        ))
     }
 }
 

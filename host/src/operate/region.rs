@@ -22,18 +22,20 @@ impl Morphable {
                 vertices.len()
             )));
         }
-        let landmarks = self
+        let landmarks: Vec<Landmark> = self
             .landmarks
             .iter()
             .filter_map(|l| Some(Landmark { name: l.name.clone(), vertex: at(&l.vertex)? }))
             .collect();
+        let mut uncertainties = self.uncertainties.clone();
+        uncertainties.retain(|name, _| landmarks.iter().any(|l| l.name == *name));
         let of = |points: &Vec<[f32; 3]>| vertices.iter().map(|&v| points[v as usize]).collect();
         Ok(Self {
             shape: self.shape.marginal(&vertices),
             albedo: self.albedo.marginal(&vertices),
             expression: self.expression.as_ref().map(|process| process.marginal(&vertices)),
             reference: self.reference.as_ref().map(of),
-            uncertainties: self.uncertainties.clone(),
+            uncertainties,
             triangles,
             landmarks,
             provenance: self.provenance.clone(),

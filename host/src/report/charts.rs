@@ -225,6 +225,24 @@ pub(super) fn curves(
     Some(svg)
 }
 
+/// Of ascending numbers those whose labels do not touch on a logarithmic axis: the smaller stays,
+/// the last always.
+#[cfg(feature = "full")]
+pub(super) fn spaced(numbers: Vec<usize>) -> Vec<usize> {
+    let last = numbers.last().copied();
+    let mut shown: Vec<usize> = Vec::new();
+    for m in numbers {
+        let free = |other: usize| m as f64 / other as f64 > 1.4;
+        if Some(m) == last {
+            shown.retain(|&other| free(other));
+        }
+        if shown.last().is_none_or(|&other| free(other)) {
+            shown.push(m);
+        }
+    }
+    shown
+}
+
 /// Whole numbers as labels.
 fn labelled(ticks: &[f64]) -> Vec<(f64, String)> {
     ticks.iter().map(|&tick| (tick, number(tick, 0))).collect()

@@ -1,6 +1,6 @@
 //! The page and the table of what models achieve by number of components.
 
-use super::charts::{Series, curves};
+use super::charts::{Series, curves, spaced};
 use super::words::{Escaped, number};
 use super::{foot, head};
 use crate::error::{Error, Result};
@@ -110,18 +110,7 @@ fn chart(description: &str, models: &[Curve], half: usize, value: Value) -> Opti
         .collect();
     numbers.sort_unstable();
     numbers.dedup();
-    // Labels that would touch: the smaller number's stays, the last one's always.
-    let last = *numbers.last()?;
-    let mut shown: Vec<usize> = Vec::new();
-    for m in numbers {
-        let free = |other: usize| m as f64 / other as f64 > 1.4;
-        if m == last {
-            shown.retain(|&other| free(other));
-        }
-        if shown.last().is_none_or(|&other| free(other)) {
-            shown.push(m);
-        }
-    }
+    let shown = spaced(numbers);
     let series: Vec<Series> = models
         .iter()
         .enumerate()

@@ -3,11 +3,15 @@
 mod charts;
 #[cfg(feature = "full")]
 mod measures;
+#[cfg(feature = "full")]
+mod scaling;
 mod tables;
 mod words;
 
 #[cfg(feature = "full")]
 pub use measures::{measures_report, measures_table};
+#[cfg(feature = "full")]
+pub use scaling::decomposition_report;
 
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;

@@ -3,9 +3,8 @@
 //! Where that program differs from the paper's text, so does this module; docs/decomposition.md
 //! lists how. Its random numbers are Java's, so its models cannot be had to the bit.
 
-use crate::decompose::Progress;
 use crate::error::{Error, Result};
-use crate::kernel::{Kernel, Kernels, Vertex, block, trace};
+use crate::kernel::{Kernel, Vertex, block, trace};
 use crate::morphable::Process;
 use faer::{Mat, MatRef, Side};
 use onescan_core::rng::Rng;
@@ -128,47 +127,47 @@ fn pivoted_cholesky(matrix: MatRef<'_, f64>, tolerance: f64) -> Mat<f64> {
     Mat::from_fn(n, columns.len(), |i, k| columns[k][i])
 }
 
-/// The shape and the albedo the released program makes of kernels.
-///
-/// A "full" albedo is not decomposed: 200 samples each of the colour and the position kernel are
-/// averaged in pairs, so that the covariance is `¼ (K_rgb + K_xyz)` and not ½, and what remains are
-/// the principal components of those 200, around their mean instead of the scan.
+/// The deviations the released program makes of a kernel.
 ///
 /// # Errors
 /// See [`nystrom`].
-pub fn reference(
-    kernels: &Kernels,
+pub fn released(
+    kernel: &Kernel,
     vertices: &[Vertex],
-    [points, colors]: [&[[f32; 3]]; 2],
-    seed: u64,
-    progress: &mut Progress<'_>,
-) -> Result<[Process; 2]> {
-    let mut rng = Rng::new(seed, 0);
-    let mut half = |kernel: &Kernel, mean: &[[f32; 3]]| {
-        nystrom(kernel, vertices, mean, POINTS, COMPONENTS, &mut rng)
+    mean: &[[f32; 3]],
+    rng: &mut Rng,
+) -> Result<Process> {
+    nystrom(kernel, vertices, mean, POINTS, COMPONENTS, rng)
+}
+
+/// The albedo it makes of one. That of the mean of two kernels is not decomposed: 200 samples each
+/// of both are averaged in pairs, so that the covariance is `¼ (K_rgb + K_xyz)` and not ½, and what
+/// remains are the principal components of those 200, around their mean instead of the scan.
+///
+/// # Errors
+/// See [`nystrom`].
+pub fn released_albedo(
+    kernel: &Kernel,
+    vertices: &[Vertex],
+    mean: &[[f32; 3]],
+    rng: &mut Rng,
+) -> Result<Process> {
+    let Some([a, b]) = halves(kernel) else { return released(kernel, vertices, mean, rng) };
+    let (a, b) = (released(a, vertices, mean, rng)?, released(b, vertices, mean, rng)?);
+    let mut draw = |process: &Process| {
+        let c: Vec<f64> = (0..process.rank()).map(|_| rng.normal()).collect();
+        process.instance(&c)
     };
-    progress(0.0, "shape by Nyström");
-    let shape = half(&kernels.shape, points)?;
-    progress(0.5, "albedo by Nyström");
-    let Some([a, b]) = halves(&kernels.albedo) else {
-        return Ok([shape, half(&kernels.albedo, colors)?]);
+    let average = |(a, b): (&[f64; 3], &[f64; 3])| -> [f32; 3] {
+        std::array::from_fn(|channel| (0.5 * (a[channel] + b[channel])) as f32)
     };
-    let (a, b) = (half(a, colors)?, half(b, colors)?);
-    progress(0.8, "albedo from samples");
-    let samples: Vec<Vec<[f64; 3]>> = (0..SAMPLES)
+    let samples: Vec<Vec<[f32; 3]>> = (0..SAMPLES)
         .map(|_| {
-            let mut draw = |process: &Process| {
-                let c: Vec<f64> = (0..process.rank()).map(|_| rng.normal()).collect();
-                process.instance(&c)
-            };
             let (a, b) = (draw(&a), draw(&b));
-            let mean = |(a, b): (&[f64; 3], &[f64; 3])| {
-                [0, 1, 2].map(|channel| 0.5 * (a[channel] + b[channel]))
-            };
-            a.iter().zip(&b).map(mean).collect()
+            a.iter().zip(&b).map(average).collect()
         })
         .collect();
-    Ok([shape, principal(&samples)?])
+    Process::of_samples(&samples.iter().map(Vec::as_slice).collect::<Vec<_>>())
 }
 
 /// The two kernels that a kernel is the mean of.
@@ -176,35 +175,6 @@ fn halves(kernel: &Kernel) -> Option<[&Kernel; 2]> {
     let Kernel::Scaled(_, sum) = kernel else { return None };
     let Kernel::Sum(a, b) = &**sum else { return None };
     Some([a, b])
-}
-
-/// The principal components of fields, around their mean: eigenpairs of the covariance with the
-/// denominator n − 1, by way of the n × n matrix of inner products.
-fn principal(samples: &[Vec<[f64; 3]>]) -> Result<Process> {
-    let (n, count) = (samples.len(), samples.first().map_or(0, Vec::len));
-    let entry = |row: usize, k: usize| samples[k][row % count][row / count];
-    let means: Vec<f64> =
-        (0..3 * count).map(|row| (0..n).map(|k| entry(row, k)).sum::<f64>() / n as f64).collect();
-    let centred = Mat::from_fn(3 * count, n, |row, k| entry(row, k) - means[row]);
-    let gram = centred.transpose() * &centred;
-    let eigen = gram
-        .self_adjoint_eigen(Side::Lower)
-        .map_err(|_| Error::new("the eigenvalues of the samples do not converge"))?;
-    let squares: Vec<f64> = eigen.S().column_vector().iter().rev().copied().collect();
-    let variances: Vec<f64> =
-        squares.iter().map(|s| s / (n - 1) as f64).take_while(|v| *v > SMALLEST).collect();
-    let mut basis = &centred * eigen.U().reverse_cols().subcols(0, variances.len());
-    for (column, square) in basis.col_iter_mut().zip(&squares) {
-        column.iter_mut().for_each(|x| *x /= square.sqrt());
-    }
-    let mean = |v: usize| [0, 1, 2].map(|channel| means[channel * count + v] as f32);
-    Ok(Process {
-        mean: (0..count).map(mean).collect(),
-        basis,
-        total_variance: variances.iter().sum(),
-        variances,
-        noise: 0.0,
-    })
 }
 
 #[cfg(test)]
@@ -250,11 +220,9 @@ mod tests {
     #[test]
     fn a_full_albedo_has_a_quarter_of_the_two_variances() {
         let vertices = vertices();
-        let preset = Preset::named("standard-full").unwrap();
-        let kernels = preset.kernels(&crate::kernel::Hyper::default(), None);
+        let kernel = Preset::named("standard-full").unwrap().albedo(None);
         let mean = vec![[0.5; 3]; vertices.len()];
-        let [_, albedo] =
-            reference(&kernels, &vertices, [&mean, &mean], 3, &mut |_, _| {}).unwrap();
+        let albedo = released_albedo(&kernel, &vertices, &mean, &mut Rng::new(3, 0)).unwrap();
         let per_number = albedo.total_variance / (3 * vertices.len()) as f64;
         assert!((per_number / 0.01375 - 1.0).abs() < 0.15, "{per_number}");
         assert!(albedo.rank() <= 199);
