@@ -2,7 +2,7 @@
 
 mod common;
 
-use onescan_core::chain::{Chain, Config, Image, Observation, Problem};
+use onescan_core::chain::{Chain, Config, Image, Observation, Problem, Stage};
 use onescan_core::engine::Engine;
 use onescan_core::model::Model;
 use onescan_core::render::{draw, draw_words};
@@ -79,4 +79,49 @@ fn little_memory_changes_no_bit() {
     assert!(2 * lean_words < words, "{lean_words} words are not less than half of {words}");
     assert_eq!(lean_result, result);
     assert!(result.1.pixel_rmse < 0.1, "{}", result.1.pixel_rmse);
+}
+
+/// The stage between the pose's and the picture's (FACTS §6.6, objects).
+#[test]
+fn the_shape_follows_the_landmarks_before_the_picture() {
+    let bytes = common::mask(24, 30, 6, 5);
+    let model = bytes.model();
+    let (pixels, truth) = photo(&model);
+    let landmarks = landmarks(&model, &truth);
+    let fit = |shape_samples: u32| {
+        let config = Config {
+            shape_rank: 6,
+            albedo_rank: 5,
+            landmark_samples: 600,
+            shape_samples,
+            samples: 10,
+            landmark_sd: 1.0,
+            ..Config::default()
+        };
+        let problem = Problem {
+            model: &model,
+            image: Image { pixels: &pixels, width: SIDE, height: SIDE },
+            landmarks: &landmarks,
+            config: &config,
+            engine: &Engine::PORTABLE,
+            lean: false,
+        };
+        let mut memory = vec![0; problem.dimensions().words()];
+        let mut chain = Chain::new(problem, 5, 0, &mut memory).expect("the problem fits together");
+        let mut stages = Vec::new();
+        while let Some(step) = chain.step() {
+            stages.push(step.stage);
+        }
+        let (done, all) = chain.progress();
+        assert_eq!((done, u64::from(all)), (stages.len() as u32, config.steps()));
+        let proposed = |stage| chain.tallies(stage).map(|(_, tally)| tally.proposed).sum::<u32>();
+        assert_eq!(Stage::ALL.map(proposed), [600, shape_samples, 10]);
+        assert!(stages.is_sorted_by_key(|stage| Stage::ALL.iter().position(|s| s == stage)));
+        let initial = chain.checkpoint().initial.clone().expect("the picture was looked at");
+        let moved = initial.scene.shape.iter().any(|c| *c != 0.0);
+        (moved, chain.quality(&initial.scene).landmark_rmse)
+    };
+    let ((posed, before), (shaped, after)) = (fit(0), fit(1500));
+    assert!(!posed && shaped);
+    assert!(after < before, "{after} pixels, {before} by the pose alone");
 }

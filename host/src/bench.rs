@@ -88,7 +88,8 @@ impl Workload {
         let rigid = OwnedModel::rigid(&mesh, &demo::template()?.1)?;
         let seen =
             Scene { shape: Coefficients::new(), albedo: Coefficients::new(), ..scene.clone() };
-        let (picture, landmarks) = demo::synthetic_photo(&rigid.view(), &seen, 0.02, &mut rng)?;
+        let (picture, landmarks) =
+            demo::synthetic_photo(&rigid.view(), &seen, 0.02, &demo::FIT_LANDMARKS, &mut rng)?;
         Ok(Self { model: owned, scene, picture, landmarks, covered })
     }
 

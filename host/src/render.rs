@@ -80,7 +80,7 @@ pub fn portrait(model: &Model<'_>, size: [u32; 2], yaw: f32, pitch: f32) -> Scen
         }
     }
     let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * (low[i] + high[i]));
-    let half = 0.5 * (high[0] - low[0]).max(high[1] - low[1]).max(1e-3);
+    let half = (0..3).map(|i| 0.5 * (high[i] - low[i])).fold(1e-3, f32::max);
     let mut scene = Scene::initial(size[0], size[1], 0, 0);
     scene.pose = Pose { yaw, pitch, ..Pose::AWAY_1M };
     // Ten half-sizes away, the reference engine's 7.5 mm lens sees 1.33 half-sizes each way.

@@ -45,6 +45,8 @@ pub struct PhotoUsed {
 pub enum Stage {
     /// Pose by landmarks.
     Landmarks,
+    /// Pose and shape by landmarks.
+    Shape,
     /// Everything by the picture.
     Image,
 }
@@ -83,6 +85,9 @@ pub struct Summary {
     pub chains: u32,
     /// Steps of the landmark stage, per chain.
     pub landmark_samples: u32,
+    /// Steps of the shape stage, per chain.
+    #[serde(default)]
+    pub shape_samples: u32,
     /// Steps of the image stage, per chain.
     pub samples: u32,
     /// Steps of all chains and stages.
@@ -254,6 +259,7 @@ pub(crate) mod tests {
             fingerprint: hex(0x0123_4567_89ab_cdef),
             chains: 1,
             landmark_samples: 100,
+            shape_samples: 0,
             samples: 200,
             steps: 300,
             accepted: 123,

@@ -5,7 +5,7 @@
 //! standard deviation 0.02 and landmarks off by 2 pixels. The mean face is fitted the same way
 //! with pose, light and colour alone. `ONESCAN_TABLE=file` writes the table.
 
-use onescan::demo::{random_light, synthetic_photo, template, template_model};
+use onescan::demo::{FIT_LANDMARKS, random_light, synthetic_photo, template, template_model};
 use onescan::experiment::faces::{Identity, identities};
 use onescan::fit::{Control, Ending, Fit, Job};
 use onescan::mesh::Mesh;
@@ -107,7 +107,8 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize) -> Case {
     let side = if (number / YAWS.len()).is_multiple_of(2) { 1.0 } else { -1.0 };
     scene.pose.yaw = side * YAWS[number % YAWS.len()].to_radians();
     random_light(&mut scene, &mut rng);
-    let (photo, landmarks) = synthetic_photo(&rigid.view(), &scene, 0.02, &mut rng).unwrap();
+    let (photo, landmarks) =
+        synthetic_photo(&rigid.view(), &scene, 0.02, &FIT_LANDMARKS, &mut rng).unwrap();
     let fit = |rank: usize| {
         let job = Job {
             model,

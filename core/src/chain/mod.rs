@@ -2,7 +2,8 @@
 //!
 //! A fit has two stages (FACTS §6.6). The *landmark* stage moves the pose alone and looks at the
 //! landmarks alone; the *image* stage starts from its best state, moves everything and looks at
-//! the picture. A proposal passes three tests in turn, each cheaper than the next: landmarks,
+//! the picture. Between them there may be a *shape* stage, which moves pose and shape and looks at
+//! the landmarks: for objects whose template is far from what the picture shows. A proposal passes three tests in turn, each cheaper than the next: landmarks,
 //! prior, image. A test accepts with probability `min(1, ratio of its factor)`; the product of the
 //! three satisfies detailed balance for the product of the factors, and most bad proposals never
 //! cost a rendering. The correction of the proposal density belongs to the first test.
@@ -57,6 +58,8 @@ pub struct Config {
     pub albedo_rank: usize,
     /// Steps of the landmark stage.
     pub landmark_samples: u32,
+    /// Steps of the shape stage; 0 for faces.
+    pub shape_samples: u32,
     /// Steps of the image stage.
     pub samples: u32,
     /// Standard deviation of a landmark, pixels.
@@ -75,9 +78,13 @@ pub struct Config {
 }
 
 impl Config {
-    /// Steps of both stages.
+    /// Steps of all stages.
     pub fn steps(&self) -> u64 {
-        u64::from(self.landmark_samples) + u64::from(self.samples)
+        self.stages().into_iter().map(u64::from).sum()
+    }
+
+    fn stages(&self) -> [u32; 3] {
+        [self.landmark_samples, self.shape_samples, self.samples]
     }
 }
 
@@ -88,6 +95,7 @@ impl Default for Config {
             shape_rank: 50,
             albedo_rank: 50,
             landmark_samples: 5000,
+            shape_samples: 0,
             samples: 5000,
             landmark_sd: 4.0,
             pixel_sd: 0.043,
@@ -180,20 +188,26 @@ impl fmt::Display for ChainError {
 
 impl core::error::Error for ChainError {}
 
-/// The two stages of a fit.
+/// The stages of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Stage {
     /// Pose by landmarks.
     Landmarks,
+    /// Pose and shape by landmarks.
+    Shape,
     /// Everything by the picture.
     Image,
 }
 
 impl Stage {
-    /// What belongs to this stage, of what belongs to both in order.
-    fn of<T>(self, [landmarks, image]: [T; 2]) -> T {
+    /// In order.
+    pub const ALL: [Self; 3] = [Self::Landmarks, Self::Shape, Self::Image];
+
+    /// What belongs to this stage, of what belongs to all in order.
+    fn of<T>(self, [landmarks, shape, image]: [T; 3]) -> T {
         match self {
             Self::Landmarks => landmarks,
+            Self::Shape => shape,
             Self::Image => image,
         }
     }
@@ -237,7 +251,7 @@ pub struct Density {
     pub landmarks: f64,
     /// Prior.
     pub prior: f64,
-    /// Image likelihood; 0 in the landmark stage, which does not look at it.
+    /// Image likelihood; 0 in the stages that do not look at it.
     pub image: f64,
 }
 
@@ -288,14 +302,14 @@ pub struct Checkpoint {
     pub rng: Rng,
     /// Hash of every accepted state.
     pub fingerprint: Fnv64,
-    /// Acceptance per leaf, landmark stage and image stage.
-    pub tallies: [Tallies; 2],
+    /// Acceptance per leaf, by stage.
+    pub tallies: [Tallies; 3],
 }
 
 /// A running fit.
 pub struct Chain<'a, 'w> {
     problem: Problem<'a>,
-    tables: [Table; 2],
+    tables: [Table; 3],
     centres: [Option<usize>; CENTRES.len()],
     landmarks: Landmarks<'w>,
     /// Model-frame landmark positions of the current state.
@@ -353,7 +367,7 @@ impl<'a, 'w> Chain<'a, 'w> {
             initial: None,
             rng: Rng::new(seed, stream),
             fingerprint: Fnv64::default(),
-            tallies: [Tallies::new(), Tallies::new()],
+            tallies: [const { Tallies::new() }; 3],
         };
         Self::assemble(problem, progress, memory)
     }
@@ -368,7 +382,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         self.progress.state.density = self.evaluate_current();
         self.progress.best.clone_from(&self.progress.state);
         if self.problem.config.landmark_samples == 0 {
-            self.enter_image_stage();
+            self.enter_next_stage();
         }
     }
 
@@ -459,10 +473,18 @@ impl<'a, 'w> Chain<'a, 'w> {
                 && branch.centre.is_none_or(|c| centres.get(c).is_some_and(Option::is_some))
                 && (config.search || !branch.kind.is_search())
         };
-        // Neither tree is ever empty: translation and light always apply.
+        let is_face = centres.iter().any(Option::is_some);
+        let [pose, shape, all] = if is_face {
+            [&proposal::POSE, &proposal::POSE_AND_SHAPE, &proposal::FACE]
+        } else {
+            [&proposal::OBJECT_POSE, &proposal::OBJECT_POSE_AND_SHAPE, &proposal::OBJECT]
+        };
+        // No tree is ever empty: translation always applies. What searches looks at the picture.
+        let blind = |branch: &Branch| applies(branch) && !branch.kind.is_search();
         let tables = [
-            Table::new(&proposal::POSE, applies).ok_or(ChainError::Config)?,
-            Table::new(&proposal::FACE, applies).ok_or(ChainError::Config)?,
+            Table::new(pose, applies).ok_or(ChainError::Config)?,
+            Table::new(shape, blind).ok_or(ChainError::Config)?,
+            Table::new(all, applies).ok_or(ChainError::Config)?,
         ];
 
         let dimensions = problem.dimensions();
@@ -490,7 +512,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     pub fn step(&mut self) -> Option<Step> {
         let config = self.problem.config;
         let stage = self.progress.stage;
-        let end = stage.of([config.landmark_samples, config.samples]);
+        let end = stage.of(config.stages());
         if self.progress.step >= end {
             return None;
         }
@@ -502,8 +524,8 @@ impl<'a, 'w> Chain<'a, 'w> {
             tally.accepted += u32::from(outcome == Outcome::Accepted);
         }
         self.progress.step += 1;
-        if stage == Stage::Landmarks && self.progress.step == end {
-            self.enter_image_stage();
+        if stage != Stage::Image && self.progress.step == end {
+            self.enter_next_stage();
         }
         Some(Step { stage, branch, outcome })
     }
@@ -584,15 +606,19 @@ impl<'a, 'w> Chain<'a, 'w> {
         }
     }
 
-    /// Goes on from the best state of the landmark stage, with the picture.
-    fn enter_image_stage(&mut self) {
-        self.progress.stage = Stage::Image;
+    /// Goes on from the best state of this stage.
+    fn enter_next_stage(&mut self) {
+        let is_first = self.progress.stage == Stage::Landmarks;
+        let to_shape = is_first && self.problem.config.shape_samples > 0;
+        self.progress.stage = if to_shape { Stage::Shape } else { Stage::Image };
         self.progress.step = 0;
         self.progress.state = self.progress.best.clone();
         self.points = self.landmarks.points(&self.progress.state.scene.shape);
         self.progress.state.density = self.evaluate_current();
         self.progress.best = self.progress.state.clone();
-        self.progress.initial = Some(self.progress.state.clone());
+        if !to_shape {
+            self.progress.initial = Some(self.progress.state.clone());
+        }
     }
 
     /// All densities of the current state, from scratch; fills the pipeline in the image stage.
@@ -642,11 +668,12 @@ impl<'a, 'w> Chain<'a, 'w> {
         self.progress.fingerprint.finish()
     }
 
-    /// Steps done and steps in all, over both stages.
+    /// Steps done and steps in all, over all stages.
     pub fn progress(&self) -> (u32, u32) {
-        let config = self.problem.config;
-        let before = self.progress.stage.of([0, config.landmark_samples]);
-        (before + self.progress.step, config.landmark_samples.saturating_add(config.samples))
+        let [landmarks, shape, image] = self.problem.config.stages();
+        let searched = landmarks.saturating_add(shape);
+        let before = self.progress.stage.of([0, landmarks, searched]);
+        (before.saturating_add(self.progress.step), searched.saturating_add(image))
     }
 
     /// Acceptance per leaf of a stage.

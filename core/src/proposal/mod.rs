@@ -269,21 +269,23 @@ const TURN: Tree = Mixture(&[
     ),
 ]);
 
+const TRANSLATION: Tree = Mixture(&[
+    (0.2, Leaf("translation", Move::Translation { sd: 300.0 })),
+    (0.2, Leaf("translation", Move::Translation { sd: 50.0 })),
+    (0.6, Leaf("translation", Move::Translation { sd: 10.0 })),
+]);
+
 /// Pose moves of a face fit.
 pub const POSE: Tree = Mixture(&[
     (1.0, Centred(0, &TURN)),
     (1.0, Centred(1, &TURN)),
     (1.0, Centred(2, &TURN)),
     (1.0, Centred(3, &TURN)),
-    (
-        0.2,
-        Mixture(&[
-            (0.2, Leaf("translation", Move::Translation { sd: 300.0 })),
-            (0.2, Leaf("translation", Move::Translation { sd: 50.0 })),
-            (0.6, Leaf("translation", Move::Translation { sd: 10.0 })),
-        ]),
-    ),
+    (0.2, TRANSLATION),
 ]);
+
+/// Pose moves where none of [`CENTRES`] is seen: of an object that is no face.
+pub const OBJECT_POSE: Tree = Mixture(&[(0.8, TURN), (0.2, TRANSLATION)]);
 
 macro_rules! coefficients {
     ($name:literal, $part:expr) => {
@@ -301,37 +303,42 @@ const fn color(gain_sd: f32) -> Tree {
     Leaf("colour", Move::Color { gain_sd, contrast_sd: gain_sd, offset_sd: 1e-4 })
 }
 
-/// All moves of a face fit (FACTS §6.1).
-pub const FACE: Tree = Mixture(&[
-    (1.0, POSE),
-    (1.0, Mixture(&[(0.2, color(0.01)), (0.6, color(0.001)), (0.2, color(0.0005))])),
+const SHAPE_COEFFICIENTS: Tree = coefficients!("shape", Part::Shape);
+
+const COEFFICIENTS: Tree =
+    Mixture(&[(0.5, SHAPE_COEFFICIENTS), (0.5, coefficients!("albedo", Part::Albedo))]);
+
+const COLOR: Tree = Mixture(&[(0.2, color(0.01)), (0.6, color(0.001)), (0.2, color(0.0005))]);
+
+const LIGHT: Tree = Mixture(&[
     (
-        3.0,
+        5.0,
         Mixture(&[
-            (0.5, coefficients!("shape", Part::Shape)),
-            (0.5, coefficients!("albedo", Part::Albedo)),
+            (1.0, Leaf("light spatial", Move::LightSpatial { sd: 0.05 })),
+            (1.0, Leaf("light bands", Move::LightBands { sd: 0.1 })),
+            (1.0, Leaf("light intensity", Move::LightIntensity { sd: 0.1 })),
+            (1.0, Leaf("light perturbation", Move::LightPerturbation { sd: 0.001 })),
+            (1.0, Leaf("light colour", Move::LightColor { sd: 0.01 })),
         ]),
     ),
-    (
-        2.0,
-        Mixture(&[
-            (
-                5.0,
-                Mixture(&[
-                    (1.0, Leaf("light spatial", Move::LightSpatial { sd: 0.05 })),
-                    (1.0, Leaf("light bands", Move::LightBands { sd: 0.1 })),
-                    (1.0, Leaf("light intensity", Move::LightIntensity { sd: 0.1 })),
-                    (1.0, Leaf("light perturbation", Move::LightPerturbation { sd: 0.001 })),
-                    (1.0, Leaf("light colour", Move::LightColor { sd: 0.01 })),
-                ]),
-            ),
-            (1.0, Leaf("light solve", Move::SolveLight { points: 100 })),
-        ]),
-    ),
+    (1.0, Leaf("light solve", Move::SolveLight { points: 100 })),
 ]);
 
+/// Moves of pose and shape.
+pub const POSE_AND_SHAPE: Tree = Mixture(&[(1.0, POSE), (3.0, SHAPE_COEFFICIENTS)]);
+
+/// [`POSE_AND_SHAPE`] of an object.
+pub const OBJECT_POSE_AND_SHAPE: Tree = Mixture(&[(1.0, OBJECT_POSE), (3.0, SHAPE_COEFFICIENTS)]);
+
+/// All moves of a face fit (FACTS §6.1).
+pub const FACE: Tree = Mixture(&[(1.0, POSE), (1.0, COLOR), (3.0, COEFFICIENTS), (2.0, LIGHT)]);
+
+/// All moves of the fit of an object. (The reference engine does not solve for its light.)
+pub const OBJECT: Tree =
+    Mixture(&[(1.0, OBJECT_POSE), (1.0, COLOR), (3.0, COEFFICIENTS), (2.0, LIGHT)]);
+
 /// The most leaves a [`Table`] holds.
-pub const MAX_LEAVES: usize = 128;
+pub const MAX_LEAVES: usize = 88;
 
 /// A leaf of the tree with its probability.
 #[derive(Clone, Copy, Debug, PartialEq)]

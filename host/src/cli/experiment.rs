@@ -3,13 +3,15 @@
 use super::{file_name, output_directory};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
-use onescan::experiment::{compactness, decomposition, kernels};
+use onescan::experiment::objects::animals::{Animal, Kind};
+use onescan::experiment::{compactness, decomposition, kernels, objects};
 use onescan::files::write_atomically;
 use onescan::kernel::Axis;
-use onescan::mesh_file;
+use onescan::landmarks::Landmark;
+
 use onescan::metrics::Options;
 use onescan::progress::Console;
-use onescan::{demo, report};
+use onescan::{demo, landmarks, mesh_file, ply, report};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -26,6 +28,10 @@ pub(super) struct Experiment {
 enum Which {
     Kernels(Kernels),
     Decomposition(Decomposition),
+    /// Models of a fish, and fits to pictures of other fish.
+    Fish(Object),
+    /// Models of a bird, and fits to pictures of other birds.
+    Bird(Object),
     /// Compactness, generalization and specificity of one-scan models beside a model of 60 people.
     ///
     /// Builds 13 models of kernels, three on the template and one on each of ten scans, and one of
@@ -40,6 +46,8 @@ impl Experiment {
         match self.which {
             Which::Kernels(experiment) => experiment.run(console),
             Which::Decomposition(experiment) => experiment.run(console),
+            Which::Fish(experiment) => experiment.run(Kind::Fish, console),
+            Which::Bird(experiment) => experiment.run(Kind::Bird, console),
             Which::Compactness(experiment) => experiment.run(console),
         }
     }
@@ -122,6 +130,71 @@ impl Decomposition {
         put("table.md", &result.markdown())?;
         put("report.html", &result.page()?)?;
         console.say(format_args!("open {}", self.output.join("report.html").display()));
+        Ok(())
+    }
+}
+
+#[derive(Args)]
+struct Object {
+    /// Directory to write to [default: out/fish, out/bird].
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+    /// Directory of the fixtures, as in the project's repository.
+    #[arg(long, default_value = "fixtures")]
+    fixtures: PathBuf,
+    /// Pictures to fit.
+    #[arg(short = 'n', long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    pictures: u32,
+    /// Seed of animals, scenes and fits.
+    #[arg(long, default_value_t = 7)]
+    seed: u64,
+    /// Only write the template and its landmarks, as the fixtures have them.
+    #[arg(long)]
+    template: bool,
+}
+
+impl Object {
+    fn run(self, kind: Kind, console: Console) -> Result<()> {
+        let output = self.output.unwrap_or_else(|| PathBuf::from("out").join(kind.name()));
+        output_directory(&output)?;
+        let put = |name: &str, bytes: &[u8]| {
+            write_atomically(&output.join(name), |out| out.write_all(bytes))
+        };
+        if self.template {
+            let Animal { mesh, landmarks } = kind.template();
+            let mut bytes = Vec::new();
+            ply::write(&mut bytes, &mesh, ply::Encoding::default()).map_err(Error::new)?;
+            put("template.ply", &bytes)?;
+            let point = |l: &Landmark| landmarks::Point {
+                id: l.name.clone(),
+                description: None,
+                coordinates: mesh.points[l.vertex as usize].map(f64::from),
+                uncertainty: None,
+            };
+            let points: Vec<_> = landmarks.iter().map(point).collect();
+            put("landmarks.json", landmarks::to_json(&points).as_bytes())?;
+            console.say(format_args!("wrote {}", output.join("template.ply").display()));
+            return Ok(());
+        }
+        let place = self.fixtures.join(kind.name());
+        let template = ply::read(&place.join("template.ply"))?;
+        let landmarks = landmarks::read(&place.join("landmarks.json"), &template.points, 1.0)?;
+        let mut task = console.task("models", 1000);
+        let pictures = self.pictures as usize;
+        let result =
+            objects::run(kind, &template, &landmarks, pictures, self.seed, &mut |done, what| {
+                task.name(what);
+                task.set((1000.0 * done) as u64);
+            })?;
+        task.finish();
+        for (name, picture) in result.sheets() {
+            picture.write_png(&output.join(name))?;
+        }
+        put("objects.json", result.to_json()?.as_bytes())?;
+        put("table.md", result.markdown().as_bytes())?;
+        put("report.html", result.page()?.as_bytes())?;
+        console.say(result.markdown().trim_end());
+        console.say(format_args!("open {}", output.join("report.html").display()));
         Ok(())
     }
 }

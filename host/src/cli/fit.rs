@@ -46,6 +46,13 @@ pub(super) struct Fit {
     /// Steps of the landmark stage before it.
     #[arg(long, default_value_t = 5000)]
     landmark_samples: u32,
+    /// Steps between them, of pose and shape by the landmarks: for an object whose template is far
+    /// from what the photo shows.
+    #[arg(long, default_value_t = 0)]
+    shape_samples: u32,
+    /// How exact landmarks are: standard deviation, pixels of the picture the fit looks at.
+    #[arg(long, default_value_t = Config::default().landmark_sd, value_parser = deviation)]
+    landmark_sd: f32,
     /// Shape coefficients to infer.
     #[arg(long, default_value_t = 50, value_parser = rank())]
     shape_rank: u32,
@@ -72,6 +79,13 @@ pub(super) struct Fit {
 
 fn rank() -> clap::builder::RangedI64ValueParser<u32> {
     clap::value_parser!(u32).range(0..=i64::try_from(MAX_RANK).unwrap_or(i64::MAX))
+}
+
+fn deviation(text: &str) -> std::result::Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("expected a number above 0".into()),
+    }
 }
 
 fn at_least_one(text: &str) -> std::result::Result<f32, String> {
@@ -165,7 +179,9 @@ impl Fit {
             shape_rank: self.shape_rank as usize,
             albedo_rank: self.albedo_rank as usize,
             landmark_samples: self.landmark_samples,
+            shape_samples: self.shape_samples,
             samples: self.samples,
+            landmark_sd: self.landmark_sd,
             pixel_patch: self.pixel_patch,
             search: !self.sampler,
             ..Config::default()

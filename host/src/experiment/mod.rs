@@ -5,9 +5,11 @@
 //! | [`kernels`] | samples of the ten kernels |
 //! | [`decomposition`] | exact components beside sampled ones, and what they cost |
 //! | [`compactness`] | one-scan models beside a model of 60 people: how compact, general, specific |
+//! | [`objects`] | a fish and a bird, and fits to others of their kind |
 //! | [`faces`] | the faces they are made on |
 
 pub mod compactness;
 pub mod decomposition;
 pub mod faces;
 pub mod kernels;
+pub mod objects;

@@ -277,7 +277,7 @@ impl<'a, 'w> Running<'a, 'w> {
 fn trace_point(chain: &Chain<'_, '_>, at: u32, trace: &mut Vec<TracePoint>) {
     let density = chain.state().density;
     let value = match chain.checkpoint().stage {
-        Stage::Landmarks => density.landmarks,
+        Stage::Landmarks | Stage::Shape => density.landmarks,
         Stage::Image => density.image,
     };
     // A state the picture does not see at all has no finite likelihood and no place in a chart.
@@ -289,7 +289,7 @@ fn trace_point(chain: &Chain<'_, '_>, at: u32, trace: &mut Vec<TracePoint>) {
 /// Acceptance by stage and name, summed over the leaves of a name, in the tree's order.
 fn acceptance(chain: &Chain<'_, '_>) -> Vec<Acceptance> {
     let mut all = Vec::new();
-    for stage in [Stage::Landmarks, Stage::Image] {
+    for stage in Stage::ALL {
         let mut by_name: BTreeMap<&str, usize> = BTreeMap::new();
         for (Branch { name, kind, .. }, tally) in chain.tallies(stage) {
             let index = *by_name.entry(name).or_insert_with(|| {

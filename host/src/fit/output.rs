@@ -79,6 +79,7 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
         fingerprint: hex(fit.fingerprint),
         chains: job.chains,
         landmark_samples: config.landmark_samples,
+        shape_samples: config.shape_samples,
         samples: config.samples,
         steps: fit.steps,
         accepted: fit.accepted,
@@ -98,6 +99,7 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
             .map(|a| Proposal {
                 stage: match a.stage {
                     chain::Stage::Landmarks => Stage::Landmarks,
+                    chain::Stage::Shape => Stage::Shape,
                     chain::Stage::Image => Stage::Image,
                 },
                 name: a.name.into(),
@@ -128,6 +130,8 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     let (samples, landmark_samples) = (config.samples, config.landmark_samples);
     add("samples", &samples, samples != base.samples);
     add("landmark-samples", &landmark_samples, landmark_samples != base.landmark_samples);
+    add("shape-samples", &config.shape_samples, config.shape_samples != base.shape_samples);
+    add("landmark-sd", &config.landmark_sd, config.landmark_sd != base.landmark_sd);
     add("shape-rank", &config.shape_rank, config.shape_rank != base.shape_rank);
     add("albedo-rank", &config.albedo_rank, config.albedo_rank != base.albedo_rank);
     add("chains", &job.chains, job.chains != 1);

@@ -314,13 +314,15 @@ fn in_words(f: &mut impl Write, s: &Summary) -> fmt::Result {
     )
 }
 
-/// The likelihood over both stages, a chart for each: their likelihoods measure different things.
+/// The likelihood over all stages, a chart for each: their likelihoods measure different things.
 fn traces(f: &mut impl Write, s: &Summary) -> fmt::Result {
-    let boundary = s.trace.partition_point(|&(step, _)| step < s.landmark_samples);
-    let (landmarks, image) = s.trace.split_at(boundary);
+    let from = |first: u32| s.trace.partition_point(|&(step, _)| step < first);
+    let [posed, shaped] = [0, s.shape_samples].map(|more| from(s.landmark_samples + more));
+    let points = "Log likelihood of the marked points";
     let stages = [
-        (landmarks, "Stage 1: landmarks", "Log likelihood of the marked points: finds the pose."),
-        (image, "Stage 2: picture", "Log likelihood of the pixels: finds everything."),
+        (&s.trace[..posed], "Landmarks", format!("{points}: finds the pose.")),
+        (&s.trace[posed..shaped], "Shape", format!("{points}: finds pose and shape.")),
+        (&s.trace[shaped..], "Picture", "Log likelihood of the pixels: finds everything.".into()),
     ];
     f.write_str("<h3>The search</h3>\n<div class=\"charts\">\n")?;
     for (trace, stage, caption) in stages {
@@ -365,8 +367,11 @@ fn moves(f: &mut impl Write, proposals: &[Proposal]) -> fmt::Result {
     }
     f.write_str("<h3>Proposals accepted</h3>\n<div class=\"columns\">\n")?;
     for (stage, title) in
-        [(Stage::Landmarks, "Stage 1: landmarks"), (Stage::Image, "Stage 2: picture")]
+        [(Stage::Landmarks, "Landmarks"), (Stage::Shape, "Shape"), (Stage::Image, "Picture")]
     {
+        if proposals.iter().all(|p| p.stage != stage || p.proposed == 0) {
+            continue;
+        }
         writeln!(f, "<div><p class=\"note\"><b>{title}</b></p>\n<table class=\"moves\">")?;
         for p in proposals.iter().filter(|p| p.stage == stage) {
             let share = p.accepted as f64 / p.proposed.max(1) as f64;

@@ -34,8 +34,12 @@ pub(super) fn key_figures(s: &Summary) -> Rows {
         (
             "Steps",
             format!(
-                "{} landmark + {} picture, {} chain{}",
+                "{} landmark + {}{} picture, {} chain{}",
                 number(s.landmark_samples.into(), 0),
+                match s.shape_samples {
+                    0 => String::new(),
+                    steps => format!("{} shape + ", number(steps.into(), 0)),
+                },
                 number(s.samples.into(), 0),
                 s.chains,
                 if s.chains == 1 { "" } else { "s" }

@@ -23,9 +23,9 @@ type Screen =
 fn main() -> ! {
     let unused = paint();
     let done = run();
-    let deepest = unused.map_or(0, used);
-    let status = match (done, hio::hstdout()) {
-        (Some(()), Ok(mut out)) => {
+    let deepest = unused.and_then(used);
+    let status = match (done, deepest, hio::hstdout()) {
+        (Some(()), Some(deepest), Ok(mut out)) => {
             let [data, flash] = sizes();
             let _ = writeln!(out, "flash {flash}\nstatic {data}\nstack {deepest}");
             debug::EXIT_SUCCESS
@@ -102,12 +102,15 @@ fn paint() -> Option<usize> {
     Some(words)
 }
 
-/// Bytes of stack that were ever used, `painted` words having been filled.
-fn used(painted: usize) -> usize {
+/// Bytes of stack that were ever used, `painted` words having been filled; `None` if none of these is
+/// left: the stack has grown into the statics.
+fn used(painted: usize) -> Option<usize> {
     let bottom = address(&raw const __sheap) as *const u32;
     // SAFETY: as in `paint`; the memory is there, whoever has written to it.
     let clean = (0..painted).take_while(|&i| unsafe { bottom.add(i).read_volatile() } == PAINT);
-    address(&raw const _stack_start) - address(&raw const __sheap) - 4 * clean.count()
+    let clean = clean.count();
+    let whole = address(&raw const _stack_start) - address(&raw const __sheap);
+    (clean > 0).then_some(whole - 4 * clean)
 }
 
 unsafe extern "C" {
