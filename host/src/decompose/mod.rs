@@ -5,7 +5,7 @@
 //! into a few scalar problems of size V, or of half that when the vertices are symmetric too
 //! (`structure`). The leading eigenpairs of all of them are found together by a block Krylov
 //! method (`krylov`) on kernel products (`operator`). Nothing is sampled. Matrices are kept only
-//! while they are small (2 GiB in all); beyond that time and memory grow with V, not V².
+//! while they are small (2 GiB in all); beyond that memory grows with V, not V².
 //!
 //! Results are the same at every number of threads.
 
