@@ -64,6 +64,12 @@ impl Task {
         }
     }
 
+    /// A fraction of the task is done, and this is being done.
+    pub fn report(&mut self, done: f64, what: &str) {
+        self.name(what);
+        self.set((done * self.bar.length().unwrap_or(1) as f64) as u64);
+    }
+
     /// Changes what the bar says it is doing.
     pub fn name(&mut self, name: &str) {
         if self.name != name {

@@ -124,6 +124,14 @@ fn few_colours_have_few_components() {
     let found = assert_exact(&kernel, &vertices, Truncation::Rank(199));
     assert_eq!(found.rank(), 9, "three colours, three directions");
     assert!(found.captured() > 1.0 - 1e-9);
+
+    // However many vertices there are.
+    let many = vertices.repeat(60);
+    let found_in_many = decompose(&kernel, &many, Truncation::Rank(199), &mut |_, _| {}).unwrap();
+    assert_eq!(found_in_many.rank(), 9);
+    for (few, many) in found.variances.iter().zip(&found_in_many.variances) {
+        assert!((many / few / 60.0 - 1.0).abs() < 1e-9, "{few} {many}");
+    }
 }
 
 #[test]

@@ -8,14 +8,13 @@ use onescan::experiment::{compactness, decomposition, kernels, objects};
 use onescan::files::write_atomically;
 use onescan::kernel::Axis;
 use onescan::landmarks::Landmark;
-
 use onescan::metrics::Options;
 use onescan::progress::Console;
 use onescan::{demo, landmarks, mesh_file, ply, report};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Repeat an experiment of the paper on this project's faces.
+/// Repeat an experiment of the paper, on this project's faces and animals.
 ///
 /// Each writes a page, report.html, and its pictures and numbers beside it.
 #[derive(Args)]
@@ -85,16 +84,13 @@ impl Kernels {
         let mut task = console.task("sampling", 1000);
         let columns =
             kernels::run(&scan, Some(Axis::X), self.rank as usize, self.seed, &mut |done, what| {
-                task.name(what);
-                task.set((1000.0 * done) as u64);
+                task.report(done, what);
             })
             .map_err(|e| Error::new(format_args!("{name}: {e}")))?;
         task.finish();
         kernels::sheet(&columns).write_png(&self.output.join("kernels.png"))?;
-        let report = self.output.join("report.html");
-        let page = kernels::page(&columns, &name)?;
-        write_atomically(&report, |out| out.write_all(page.as_bytes()))?;
-        console.say(format_args!("wrote {}", report.display()));
+        put(&self.output, "report.html", kernels::page(&columns, &name)?)?;
+        console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
 }
@@ -118,17 +114,11 @@ impl Decomposition {
     fn run(self, console: Console) -> Result<()> {
         output_directory(&self.output)?;
         let mut task = console.task("decomposing", 1000);
-        let result = decomposition::run(self.largest, &mut |done, what| {
-            task.name(what);
-            task.set((1000.0 * done) as u64);
-        })?;
+        let result = decomposition::run(self.largest, &mut |done, what| task.report(done, what))?;
         task.finish();
-        let put = |name: &str, text: &str| {
-            write_atomically(&self.output.join(name), |out| out.write_all(text.as_bytes()))
-        };
-        put("decomposition.json", &result.to_json()?)?;
-        put("table.md", &result.markdown())?;
-        put("report.html", &result.page()?)?;
+        put(&self.output, "decomposition.json", result.to_json()?)?;
+        put(&self.output, "table.md", result.markdown())?;
+        put(&self.output, "report.html", result.page()?)?;
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
@@ -157,14 +147,11 @@ impl Object {
     fn run(self, kind: Kind, console: Console) -> Result<()> {
         let output = self.output.unwrap_or_else(|| PathBuf::from("out").join(kind.name()));
         output_directory(&output)?;
-        let put = |name: &str, bytes: &[u8]| {
-            write_atomically(&output.join(name), |out| out.write_all(bytes))
-        };
         if self.template {
             let Animal { mesh, landmarks } = kind.template();
             let mut bytes = Vec::new();
             ply::write(&mut bytes, &mesh, ply::Encoding::default()).map_err(Error::new)?;
-            put("template.ply", &bytes)?;
+            put(&output, "template.ply", bytes)?;
             let point = |l: &Landmark| landmarks::Point {
                 id: l.name.clone(),
                 description: None,
@@ -172,7 +159,7 @@ impl Object {
                 uncertainty: None,
             };
             let points: Vec<_> = landmarks.iter().map(point).collect();
-            put("landmarks.json", landmarks::to_json(&points).as_bytes())?;
+            put(&output, "landmarks.json", landmarks::to_json(&points))?;
             console.say(format_args!("wrote {}", output.join("template.ply").display()));
             return Ok(());
         }
@@ -183,16 +170,15 @@ impl Object {
         let pictures = self.pictures as usize;
         let result =
             objects::run(kind, &template, &landmarks, pictures, self.seed, &mut |done, what| {
-                task.name(what);
-                task.set((1000.0 * done) as u64);
+                task.report(done, what);
             })?;
         task.finish();
         for (name, picture) in result.sheets() {
             picture.write_png(&output.join(name))?;
         }
-        put("objects.json", result.to_json()?.as_bytes())?;
-        put("table.md", result.markdown().as_bytes())?;
-        put("report.html", result.page()?.as_bytes())?;
+        put(&output, "objects.json", result.to_json()?)?;
+        put(&output, "table.md", result.markdown())?;
+        put(&output, "report.html", result.page()?)?;
         console.say(result.markdown().trim_end());
         console.say(format_args!("open {}", output.join("report.html").display()));
         Ok(())
@@ -232,15 +218,11 @@ impl Compactness {
         let mut task = console.task("models", 1000);
         let result =
             compactness::run(&self.fixtures, self.rank as usize, &options, &mut |done, what| {
-                task.name(what);
-                task.set((1000.0 * done) as u64);
+                task.report(done, what);
             })?;
         task.finish();
-        let put = |name: &str, text: &str| {
-            write_atomically(&self.output.join(name), |out| out.write_all(text.as_bytes()))
-        };
-        put("compactness.json", &result.to_json()?)?;
-        put("table.md", &report::measures_table(&result.curves))?;
+        put(&self.output, "compactness.json", result.to_json()?)?;
+        put(&self.output, "table.md", report::measures_table(&result.curves))?;
         let notes = result.notes();
         let notes: Vec<&str> = notes.iter().map(String::as_str).collect();
         let page = report::measures_report(
@@ -250,8 +232,13 @@ impl Compactness {
             &notes,
             &result.curves,
         )?;
-        put("report.html", &page)?;
+        put(&self.output, "report.html", page)?;
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
+}
+
+/// Writes a file of the output directory.
+fn put(directory: &Path, name: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
+    write_atomically(&directory.join(name), |out| out.write_all(bytes.as_ref()))
 }

@@ -66,7 +66,8 @@ fn components_for(basis: &Basis<'_>, fraction: f64) -> Option<usize> {
 
 fn captured(basis: &Basis<'_>) -> f64 {
     let kept: f64 = basis.variance().iter().map(|&v| f64::from(v)).sum();
-    if basis.total_variance() > 0.0 { kept / basis.total_variance() } else { 1.0 }
+    // An empty sum is −0.
+    if basis.total_variance() > 0.0 { (0.0 + kept) / basis.total_variance() } else { 1.0 }
 }
 
 fn half_json(basis: &Basis<'_>) -> Value {

@@ -3,11 +3,13 @@
 //! Block Lanczos with full reorthogonalisation (Golub & Underwood 1977): from a random block
 //! `Q₁`, each product `K Q_j` is orthogonalised against all blocks so far, and what is left,
 //! `Q_{j+1} R_j`, is the next block. In the basis `Q = [Q₁ … Q_j]` the operator is
-//! `T = Qᵀ K Q`; an eigenpair `(θ, s)` of `T` gives the Ritz pair `(θ, Q s)` whose residual
-//! `‖K Q s − θ Q s‖ = ‖R_j s_j‖` costs nothing, `s_j` being the rows of `s` for the last block.
+//! `T = Qᵀ K Q`, block-tridiagonal; an eigenpair `(θ, s)` of `T` gives the Ritz pair `(θ, Q s)`
+//! whose residual `‖K Q s − θ Q s‖ = ‖R_j s_j‖` costs nothing, `s_j` being the rows of `s` for the
+//! last block.
 
 use super::MAX_RESIDUAL;
-use faer::{Mat, MatRef, Side};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par, Side};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
@@ -144,13 +146,12 @@ impl Krylov {
                 *entry += scale * deviate(&mut self.random);
             }
         }
-        let factors = product.qr();
-        let mut next = factors.compute_thin_Q();
+        let (mut next, coupling) = orthonormal(product.as_ref());
         let overlap = inner(q, &next);
         remove(&mut next, q, &overlap);
-        let next = next.qr().compute_thin_Q();
+        let (next, _) = orthonormal(next.as_ref());
 
-        self.coupling = factors.thin_R().to_owned();
+        self.coupling = coupling;
         self.previous = self.width;
         self.width = self.width.min(self.size - columns);
         append(&mut self.basis, next.subcols(0, self.width));
@@ -212,6 +213,33 @@ fn inner(q: MatRef<'_, f64>, block: &Mat<f64>) -> Mat<f64> {
     let product = |first, q: MatRef<'_, f64>| q.transpose() * block.subrows(first, q.nrows());
     let parts = bands(q, product);
     parts.iter().fold(Mat::zeros(q.ncols(), block.ncols()), |sum, part| sum + part)
+}
+
+/// `Q` and `R` of a tall matrix, by those of each band and of the bands' `R` together
+/// (Demmel, Grigori, Hoemmen & Langou 2012).
+fn orthonormal(block: MatRef<'_, f64>) -> (Mat<f64>, Mat<f64>) {
+    let factors = bands(block, |_, rows| {
+        let factors = rows.qr();
+        (factors.compute_thin_Q(), factors.thin_R().to_owned())
+    });
+    let heights = factors.iter().map(|(_, r)| r.nrows());
+    let mut stacked = Mat::zeros(heights.sum(), block.ncols());
+    let mut top = 0;
+    for (_, r) in &factors {
+        stacked.subrows_mut(top, r.nrows()).copy_from(r);
+        top += r.nrows();
+    }
+    let joint = stacked.qr();
+    let turns = joint.compute_thin_Q();
+    let mut all = Mat::zeros(block.nrows(), turns.ncols());
+    let (mut row, mut top) = (0, 0);
+    for (q, r) in &factors {
+        let band = all.subrows_mut(row, q.nrows());
+        matmul(band, Accum::Replace, q, turns.subrows(top, r.nrows()), 1.0, Par::Seq);
+        row += q.nrows();
+        top += r.nrows();
+    }
+    (all, joint.thin_R().to_owned())
 }
 
 /// `block −= q · overlap`.

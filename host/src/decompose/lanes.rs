@@ -3,22 +3,25 @@
 use faer::MatRef;
 
 /// Columns that are done side by side.
-pub(super) const LANES: usize = 8;
+pub(super) const LANES: usize = 16;
 
-/// A value of each.
-pub(super) type Lanes = [f64; LANES];
+/// A value of each: a cache line. In single precision, whose rounding is less than what either way
+/// of a product leaves out.
+pub(super) type Lanes = [f32; LANES];
 
-/// At most [`LANES`] columns; those that are missing are zero.
-pub(super) fn gathered(columns: MatRef<'_, f64>) -> Vec<Lanes> {
-    let mut rows = vec![[0.0; LANES]; columns.nrows()];
+/// At most [`LANES`] columns, their rows in some order and scaled; columns that are missing are zero.
+pub(super) fn gathered(columns: MatRef<'_, f64>, order: &[usize], scales: &[f64]) -> Vec<Lanes> {
+    let mut rows = vec![[0.0; LANES]; order.len()];
     for (lane, column) in columns.col_iter().enumerate() {
-        rows.iter_mut().zip(column.iter()).for_each(|(row, x)| row[lane] = *x);
+        for (row, &i) in rows.iter_mut().zip(order) {
+            row[lane] = (scales[i] * column[i]) as f32;
+        }
     }
     rows
 }
 
 /// So many rows at the start of a cache line: reading and writing them takes half the time.
-pub(super) fn aligned(memory: &mut Vec<f64>, rows: usize) -> &mut [Lanes] {
+pub(super) fn aligned(memory: &mut Vec<f32>, rows: usize) -> &mut [Lanes] {
     memory.resize((rows + 1) * LANES, 0.0);
     let start = memory.as_ptr().align_offset(64).min(LANES);
     &mut memory[start..].as_chunks_mut().0[..rows]

@@ -81,7 +81,8 @@ impl Decomposition {
 
     /// Fraction of the total variance the kept components hold.
     pub fn captured(&self) -> f64 {
-        self.variances.iter().sum::<f64>() / self.total_variance
+        // An empty sum is −0.
+        (0.0 + self.variances.iter().sum::<f64>()) / self.total_variance
     }
 
     /// The unit eigenvector `k` as a product: its value at vertex `i` is `direction·vector[i]`,
@@ -315,10 +316,15 @@ fn finish(
         } else {
             structure.operator.error(p, basis.as_ref(), product.as_ref())
         };
-        for (j, theta) in problems[p].krylov.values().iter().take(ranks[p]).enumerate() {
+        let values = &problems[p].krylov.values()[..ranks[p]];
+        let pair = |(j, theta): (usize, &f64)| {
             let residual = product.col(j) - faer::Scale(*theta) * basis.col(j);
-            max_residual = max_residual.max((residual.norm_l2() + errors[j]) / theta);
-            vectors.push(structure.expand(p, basis.col(j)));
+            ((residual.norm_l2() + errors[j]) / theta, structure.expand(p, basis.col(j)))
+        };
+        let pairs: Vec<(f64, Vec<f64>)> = values.par_iter().enumerate().map(pair).collect();
+        for (residual, vector) in pairs {
+            max_residual = max_residual.max(residual);
+            vectors.push(vector);
         }
     }
     let columns = kept

@@ -2,25 +2,29 @@
 //!
 //! Points come in an order of which every block lies close together, so whole blocks are left out.
 //! What is left is evaluated anew in every product: eight rows at a time, each value used for all
-//! columns.
+//! columns. Sums of more than a batch of columns are in double precision.
 
 // Without it `pulp`'s dispatch compiles for the base instruction set.
 #![allow(clippy::inline_always)]
 
-use super::lanes::{LANES, Lanes, aligned, gathered};
-use super::tiles::{Metric, exp_of_negative};
-use faer::Mat;
+use super::lanes::{LANES, Lanes, aligned};
+use super::tiles::Metric;
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Rows of a block.
-const ROWS: usize = LANES;
+const ROWS: usize = 8;
 /// Columns of a block.
 const COLUMNS: usize = 32;
+/// Columns whose products are summed in single precision.
+const BATCH: usize = 128;
 /// Rows and columns of the blocks that [`entries`] counts.
 const COARSE: usize = 128;
 /// Exponent beyond which a Gaussian counts as zero: it is below 1e-6.
 const FAR: f64 = 13.9;
+
+/// What is summed for a row.
+pub(super) type Sum = [f64; LANES];
 
 /// Least and greatest coordinate per axis.
 type Bounds = [[f64; 2]; 3];
@@ -28,6 +32,8 @@ type Bounds = [[f64; 2]; 3];
 /// Matrices `T_p[i, j] = Σ_a w_pa exp(−rate_a ‖x_i − Φ_a x_j‖²)`, of the values that do not vanish.
 pub(super) struct Near {
     metrics: Vec<Metric>,
+    /// Per metric the points of the columns, `Φ x`.
+    images: Vec<[Vec<f32>; 3]>,
     /// Per problem the `w`, one per Gaussian: all of the first metric, then of the second …
     weights: Vec<Vec<f64>>,
     /// Per block of rows and metric, the first columns of the blocks where not all vanishes.
@@ -49,62 +55,44 @@ impl Near {
             (0..metrics.len()).map(|m| near(m, first..n.min(first + ROWS))).collect()
         };
         let blocks = (0..n).into_par_iter().step_by(ROWS).map(block).collect();
-        Self { metrics, weights, blocks }
+        let image =
+            |m: &Metric, k: usize| -> Vec<f32> { (0..n).map(|j| m.image(k, j) as f32).collect() };
+        let images = metrics.iter().map(|m| [0, 1, 2].map(|k| image(m, k))).collect();
+        Self { metrics, images, weights, blocks }
     }
 
-    /// Adds `T_p X_p` to the output of each `(p, X_p)`.
-    pub(super) fn apply(&self, inputs: &[(usize, Mat<f64>)], outputs: &mut [Mat<f64>]) {
+    /// `T_p X` of each field `X`, given with its problem `p`.
+    pub(super) fn apply(&self, fields: &[(usize, Vec<Lanes>)]) -> Vec<Vec<Sum>> {
+        let n = fields.first().map_or(0, |(_, x)| x.len());
         if self.metrics.is_empty() {
-            return;
+            return vec![vec![[0.0; LANES]; n]; fields.len()];
         }
-        let columns: Vec<(usize, usize)> = inputs
-            .iter()
-            .enumerate()
-            .flat_map(|(k, (_, x))| (0..x.ncols()).step_by(LANES).map(move |first| (k, first)))
-            .collect();
-        let weights: Vec<&[f64]> =
-            columns.iter().map(|&(k, _)| self.weights[inputs[k].0].as_slice()).collect();
-        let fields: Vec<Vec<Lanes>> = columns
-            .iter()
-            .map(|&(k, first)| {
-                let x = &inputs[k].1;
-                gathered(x.subcols(first, LANES.min(x.ncols() - first)))
-            })
-            .collect();
         // What is multiplied by one value lies together.
-        let n = fields.first().map_or(0, Vec::len);
         let mut memory = Vec::new();
         let field = aligned(&mut memory, n * fields.len());
         for (j, row) in field.chunks_exact_mut(fields.len()).enumerate() {
-            row.iter_mut().zip(&fields).for_each(|(to, x)| *to = x[j]);
+            row.iter_mut().zip(fields).for_each(|(to, (_, x))| *to = x[j]);
         }
         let field = &*field;
-        drop(fields);
-        let product = |(block, near): (usize, &Vec<Vec<u32>>)| {
+        let weights: Vec<&[f64]> =
+            fields.iter().map(|(p, _)| self.weights[*p].as_slice()).collect();
+        let product = |(block, columns): (usize, &Vec<Vec<u32>>)| {
             let mut sums = vec![[[0.0; LANES]; ROWS]; weights.len()];
-            pulp::Arch::new().dispatch(Sweep {
-                metrics: &self.metrics,
-                columns: near,
-                first: block * ROWS,
-                weights: &weights,
-                field,
-                sums: &mut sums,
-            });
+            let first = block * ROWS;
+            let sweep =
+                Sweep { near: self, columns, first, weights: &weights, field, sums: &mut sums };
+            pulp::Arch::new().dispatch(sweep);
             sums
         };
         let sums: Vec<_> = self.blocks.par_iter().enumerate().map(product).collect();
-        for (c, (k, first)) in columns.into_iter().enumerate() {
-            for (lane, column) in outputs[k].col_iter_mut().skip(first).take(LANES).enumerate() {
-                let values = sums.iter().flat_map(|block| block[c].iter().map(|row| row[lane]));
-                column.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
-            }
-        }
+        let rows = |f| sums.iter().flat_map(move |block| block[f]).take(n).collect();
+        (0..fields.len()).into_par_iter().map(rows).collect()
     }
 }
 
 /// A block of rows of some products.
 struct Sweep<'a> {
-    metrics: &'a [Metric],
+    near: &'a Near,
     /// Per metric, where blocks of columns start.
     columns: &'a [Vec<u32>],
     /// The first row.
@@ -113,53 +101,67 @@ struct Sweep<'a> {
     weights: &'a [&'a [f64]],
     /// Per point, all columns.
     field: &'a [Lanes],
-    sums: &'a mut [[Lanes; ROWS]],
+    sums: &'a mut [[Sum; ROWS]],
 }
 
 impl pulp::WithSimd for Sweep<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let Near { metrics, images, .. } = self.near;
+        let all = self.weights.len();
         let mut gaussian = 0;
-        for (metric, columns) in self.metrics.iter().zip(self.columns) {
-            let n = metric.points[0].len();
+        for ((metric, images), columns) in metrics.iter().zip(images).zip(self.columns) {
+            let n = images[0].len();
             // Rows beyond the last are copies of it, and not used.
             let row = |r: usize| (self.first + r).min(n - 1);
-            let rows: [[f64; ROWS]; 3] =
-                std::array::from_fn(|k| std::array::from_fn(|r| metric.points[k][row(r)]));
-            let reach = metric.reach();
-            for &start in columns {
-                let start = start as usize;
-                // Of the block those columns that are near some row.
-                let (mut near, mut count) = ([0; COLUMNS], 0);
-                let mut distances = [[0.0; ROWS]; COLUMNS];
-                for j in start..n.min(start + COLUMNS) {
-                    let [x, y, z] = [0, 1, 2].map(|k| metric.image(k, j));
-                    let squared: [f64; ROWS] = std::array::from_fn(|r| {
+            let rows: [[f32; ROWS]; 3] =
+                std::array::from_fn(|k| std::array::from_fn(|r| metric.points[k][row(r)] as f32));
+            let reach = metric.reach() as f32;
+            let (mut near, mut count) = ([0; BATCH], 0);
+            for (b, &start) in columns.iter().enumerate() {
+                let range = start as usize..n.min(start as usize + COLUMNS);
+                let mut squared = [0.0_f32; COLUMNS];
+                for (rows, image) in rows.iter().zip(images) {
+                    let low = rows.iter().fold(f32::INFINITY, |m, x| least(m, *x));
+                    let high = -rows.iter().fold(f32::INFINITY, |m, x| least(m, -*x));
+                    for (squared, x) in squared.iter_mut().zip(&image[range.clone()]) {
+                        let outside = least(least(x - low, high - x), 0.0);
+                        *squared += outside * outside;
+                    }
+                }
+                // What is near the rows' box.
+                for (j, squared) in range.zip(&squared) {
+                    near[count] = j;
+                    count += usize::from(*squared < reach);
+                }
+                if count + COLUMNS <= BATCH && b + 1 < columns.len() {
+                    continue;
+                }
+                let near = &near[..std::mem::take(&mut count)];
+                let mut distances = [[0.0; ROWS]; BATCH];
+                for (distances, &j) in distances.iter_mut().zip(near) {
+                    let [x, y, z] = [0, 1, 2].map(|k| images[k][j]);
+                    *distances = std::array::from_fn(|r| {
                         let [a, b, c] = [rows[0][r] - x, rows[1][r] - y, rows[2][r] - z];
                         a * a + b * b + c * c
                     });
-                    near[count] = j;
-                    distances[count] = squared;
-                    let nearest =
-                        squared.iter().fold(f64::INFINITY, |m, d| if *d < m { *d } else { m });
-                    count += usize::from(nearest < reach);
                 }
                 for (g, rate) in metric.rates.iter().enumerate() {
-                    let mut values = [[0.0; ROWS]; COLUMNS];
-                    for (values, distances) in values.iter_mut().zip(&distances[..count]) {
-                        // Not from the block's columns that are near another row alone: the
-                        // matrix is symmetric.
+                    let rate = *rate as f32;
+                    let mut values = [[0.0; ROWS]; BATCH];
+                    for (values, distances) in values.iter_mut().zip(&distances[..near.len()]) {
+                        // What is near another row alone is left out: the matrix is symmetric.
                         *values = std::array::from_fn(|r| {
                             let value = exp_of_negative(rate * distances[r]);
                             if distances[r] < reach { value } else { 0.0 }
                         });
                     }
-                    let all = self.weights.len();
                     for (f, sums) in self.sums.iter_mut().enumerate() {
                         let field = |k: usize| &self.field[near[k] * all + f];
-                        add(sums, self.weights[f][gaussian + g], &values[..count], field);
+                        let w = self.weights[f][gaussian + g];
+                        add(simd, sums, w, &values[..near.len()], field);
                     }
                 }
             }
@@ -168,27 +170,61 @@ impl pulp::WithSimd for Sweep<'_> {
     }
 }
 
+/// The lesser: in one instruction, for it does not care about NaN.
+#[inline(always)]
+fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
 /// `sums += w · valuesᵀ · field`.
 #[inline(always)]
-fn add<'a>(
-    sums: &mut [Lanes; ROWS],
+fn add<'a, S: pulp::Simd>(
+    simd: S,
+    sums: &mut [Sum; ROWS],
     w: f64,
-    values: &[[f64; ROWS]],
+    values: &[[f32; ROWS]],
     field: impl Fn(usize) -> &'a Lanes,
 ) {
     if w == 0.0 {
         return;
     }
-    let mut block = [[0.0; LANES]; ROWS];
-    for (k, values) in values.iter().enumerate() {
-        let x = field(k);
-        for (sum, value) in block.iter_mut().zip(values) {
-            *sum = std::array::from_fn(|lane| value.mul_add(x[lane], sum[lane]));
+    // As many lanes as a register has, so that a block's sums are in registers.
+    for part in 0..LANES / S::F32_LANES {
+        let mut block = [simd.splat_f32s(0.0); ROWS];
+        for (k, values) in values.iter().enumerate() {
+            let x = S::as_simd_f32s(field(k)).0[part];
+            for (sum, value) in block.iter_mut().zip(values) {
+                *sum = simd.mul_add_e_f32s(simd.splat_f32s(*value), x, *sum);
+            }
+        }
+        for (sums, block) in sums.iter_mut().zip(&block) {
+            let sums = &mut sums[part * S::F32_LANES..];
+            let block: &[f32] = pulp::bytemuck::cast_slice(std::slice::from_ref(block));
+            sums.iter_mut().zip(block).for_each(|(sum, x)| *sum += w * f64::from(*x));
         }
     }
-    for (sum, block) in sums.iter_mut().zip(&block) {
-        *sum = std::array::from_fn(|lane| w.mul_add(block[lane], sum[lane]));
+}
+
+/// `exp(−t)` for `t ≥ 0`, within 2e-7 relative while `t < 20`; `t > 80` counts as 80.
+///
+/// As `tiles` does it, with fewer terms.
+#[inline(always)]
+fn exp_of_negative(t: f32) -> f32 {
+    // Adding 1.5·2²³ leaves the nearest integer in the low bits of the sum.
+    const ROUND: f32 = 12_582_912.0;
+    // ln 2 in two parts, the first with trailing zeros so that k·LN2_HI is exact.
+    const LN2_HI: f32 = 0.693_359_4;
+    const LN2_LO: f32 = -2.121_944_4e-4;
+    let x = if t < 80.0 { -t } else { -80.0 };
+    let shifted = x * std::f32::consts::LOG2_E + ROUND;
+    let k = shifted - ROUND;
+    let r = (x - k * LN2_HI) - k * LN2_LO;
+    let mut series = 1.0 / 5040.0;
+    for c in [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
+        series = series * r + c;
     }
+    // The bits of the integer k, moved to the exponent, make 2^k.
+    series * f32::from_bits(shifted.to_bits().wrapping_add(127) << 23)
 }
 
 impl Metric {
@@ -282,6 +318,16 @@ mod tests {
     use super::*;
 
     #[test]
+    fn exponential_matches_the_standard_library() {
+        for i in 0..20_000_u16 {
+            let t = f32::from(i) * 1e-3;
+            let (got, want) = (f64::from(exp_of_negative(t)), (-f64::from(t)).exp());
+            assert!((got / want - 1.0).abs() < 2e-7, "exp(-{t}) = {want}, not {got}");
+        }
+        assert!(exp_of_negative(1e6) < 1e-30);
+    }
+
+    #[test]
     fn products_are_those_of_all_values() {
         let n = 1003;
         let scatter = |k: usize| (0..n).map(move |i| (i * k % 997) as f64 / 40.0 - 9.0);
@@ -302,21 +348,20 @@ mod tests {
         let near = Near::new(moved.to_vec(), weights.to_vec());
         let kept: usize = near.blocks.iter().flatten().map(|b| b.len() * ROWS * COLUMNS).sum();
         assert!(kept < all / 4, "{kept} of {all}");
-        let inputs = [(1, 11), (0, 3)].map(|(p, columns)| {
-            (p, Mat::from_fn(n, columns, |i, j| ((i + 3 * j) % 11) as f64 - 5.0))
-        });
-        let mut found = [11, 3].map(|columns| Mat::zeros(n, columns));
-        near.apply(&inputs, &mut found);
-        for ((p, x), found) in inputs.iter().zip(&found) {
+        let row = |i: usize| std::array::from_fn(|lane| ((i + 3 * lane) % 11) as f32 - 5.0);
+        let fields = [1, 0].map(|p| (p, (0..n).map(row).collect::<Vec<Lanes>>()));
+        for ((p, x), found) in fields.iter().zip(near.apply(&fields)) {
             let value = |i: usize, j: usize| -> f64 {
                 let [a, b] = [0, 1].map(|m: usize| moved[m].distance(i, j));
                 let gaussians = [-a, -0.3 * a, -b];
                 gaussians.iter().zip(&weights[*p]).map(|(t, w)| w * t.exp()).sum()
             };
-            let expected = Mat::from_fn(n, x.ncols(), |i, k| {
-                (0..n).map(|j| value(i, j) * x[(j, k)]).sum::<f64>()
-            });
-            assert!((found - &expected).norm_max() < 1e-3, "{:e}", (found - &expected).norm_max());
+            for (i, found) in found.iter().enumerate() {
+                for (lane, found) in found.iter().enumerate() {
+                    let expected: f64 = (0..n).map(|j| value(i, j) * f64::from(x[j][lane])).sum();
+                    assert!((found - expected).abs() < 1e-3, "{found}, not {expected}");
+                }
+            }
         }
     }
 }

@@ -9,7 +9,9 @@
 //!    vertices `(i, i')` that halves each problem: with the orthonormal fields
 //!    `(e_i ± e_i')/√2`, and `e_i` on the mirror, `G±[i, j] = c_i c_j (g(i, j) ± g(i, j'))`,
 //!    `c = 1` for a pair and `1/√2` (even) or `0` (odd) on the mirror.
-//! 3. Problems whose weights are proportional have the same eigenvectors and are solved once
+//! 3. To a kernel of colours alone, vertices of the same colour are the same: `m` of them are one
+//!    point, with the orthonormal field `Σ e_i/√m` and `c = √m`.
+//! 4. Problems whose weights are proportional have the same eigenvectors and are solved once
 //!    (x, y and z of a symmetric shape model; both chroma directions).
 
 use super::commuting::{joint_eigenvectors, quadratic};
@@ -19,7 +21,6 @@ use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Matrix3, Space, Term, Vertex, reflect};
 use faer::ColRef;
 use std::collections::HashMap;
-use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Relative size of what counts as rounding when weights are compared.
 const ROUNDING: f64 = 1e-12;
@@ -41,8 +42,7 @@ pub(super) struct Structure {
     /// Per problem of the operator, at least one.
     pub(super) uses: Vec<Vec<Use>>,
     sectors: Vec<Sector>,
-    orbits: Vec<Orbit>,
-    vertices: usize,
+    orbits: Orbits,
 }
 
 /// Which fields a problem lives on.
@@ -60,10 +60,14 @@ struct Scalar {
     uses: Vec<Use>,
 }
 
-/// A vertex and its mirror image (itself on the mirror, or when nothing is mirrored).
-struct Orbit {
-    vertex: usize,
-    image: usize,
+/// Vertices that are one point of the scalar problems: mirror images, equal colours, or each alone.
+struct Orbits {
+    /// Per vertex, its orbit.
+    of: Vec<usize>,
+    /// Per orbit, its first vertex.
+    first: Vec<usize>,
+    /// Per orbit, how many vertices it has.
+    sizes: Vec<usize>,
 }
 
 /// A Gaussian with the sum of all matrices it comes with.
@@ -82,15 +86,14 @@ impl Structure {
 
         let mirror = only_mirror(&atoms);
         let colored = atoms.iter().any(|a| a.space == Space::Color);
-        let (orbits, atoms, sectors): (_, _, &[Sector]) = match mirror
-            .and_then(|phi| Some((phi, mirror_orbits(vertices, phi, colored)?)))
-        {
+        let mirrored =
+            mirror.and_then(|phi| Some((phi, Orbits::mirrored(vertices, phi, colored)?)));
+        let (orbits, atoms, sectors): (_, _, &[Sector]) = match mirrored {
             Some((phi, orbits)) => (orbits, both_sides(&atoms, phi), &[Sector::Even, Sector::Odd]),
-            None => (
-                (0..vertices.len()).map(|i| Orbit { vertex: i, image: i }).collect(),
-                atoms,
-                &[Sector::Whole],
-            ),
+            None if atoms.iter().all(|a| a.space == Space::Color) => {
+                (Orbits::colored(vertices), atoms, &[Sector::Whole])
+            }
+            None => (Orbits::new(0..vertices.len()), atoms, &[Sector::Whole]),
         };
 
         let (metrics, order) = metrics(&atoms, vertices, &orbits);
@@ -103,27 +106,27 @@ impl Structure {
         }
         let problems = scalars.iter().map(|scalar| Weights {
             gaussians: scalar.weights.clone(),
-            scales: orbits.iter().map(|orbit| scalar.sector.scale(orbit)).collect(),
+            scales: orbits.sizes.iter().map(|size| scalar.sector.scale(*size)).collect(),
         });
         let operator = Operator::new(metrics, problems.collect(), kept_bytes);
         let (sectors, uses) = scalars.into_iter().map(|s| (s.sector, s.uses)).unzip();
-        Ok(Self { operator, uses, sectors, orbits, vertices: vertices.len() })
+        Ok(Self { operator, uses, sectors, orbits })
     }
 
     /// The field over all vertices that `values`, one per point of the operator, stand for in
     /// `problem`; norms are kept.
     pub(super) fn expand(&self, problem: usize, values: ColRef<'_, f64>) -> Vec<f64> {
-        let mut field = vec![0.0; self.vertices];
-        for (orbit, &u) in self.orbits.iter().zip(values.iter()) {
-            let odd = self.sectors[problem] == Sector::Odd;
-            if orbit.vertex == orbit.image {
-                field[orbit.vertex] = if odd { 0.0 } else { u };
-            } else {
-                field[orbit.vertex] = u * FRAC_1_SQRT_2;
-                field[orbit.image] = if odd { -u } else { u } * FRAC_1_SQRT_2;
+        let Orbits { of, first, sizes } = &self.orbits;
+        let odd = self.sectors[problem] == Sector::Odd;
+        let value = |(vertex, &orbit): (usize, &usize)| {
+            let value = (1.0 / sizes[orbit] as f64).sqrt() * values[orbit];
+            match odd {
+                true if sizes[orbit] == 1 => 0.0,
+                true if first[orbit] != vertex => -value,
+                _ => value,
             }
-        }
-        field
+        };
+        of.iter().enumerate().map(value).collect()
     }
 }
 
@@ -147,11 +150,12 @@ impl Sector {
         plain + sign * other
     }
 
-    fn scale(self, orbit: &Orbit) -> f64 {
+    /// `c` of an orbit of so many vertices.
+    fn scale(self, size: usize) -> f64 {
         match self {
-            Self::Even if orbit.vertex == orbit.image => FRAC_1_SQRT_2,
-            Self::Odd if orbit.vertex == orbit.image => 0.0,
-            _ => 1.0,
+            Self::Whole => (size as f64).sqrt(),
+            Self::Odd if size == 1 => 0.0,
+            Self::Even | Self::Odd => (0.5 * size as f64).sqrt(),
         }
     }
 }
@@ -227,35 +231,56 @@ fn both_sides(atoms: &[Atom], phi: [bool; 3]) -> Vec<Atom> {
     all
 }
 
-/// Pairs every vertex with its mirror image; `None` unless all have exactly one. Positions
-/// (and with `colored` colours) are compared to a nanometre, far below what f32 resolves.
-fn mirror_orbits(vertices: &[Vertex], phi: [bool; 3], colored: bool) -> Option<Vec<Orbit>> {
-    let key = |v: &Vertex, phi: [bool; 3]| -> [i64; 6] {
-        std::array::from_fn(|k| match k {
-            0..3 => (reflect(v.position, phi)[k] * 1e6).round() as i64,
-            _ if colored => (v.color[k - 3] * 1e6).round() as i64,
-            _ => 0,
-        })
-    };
-    let mut index = HashMap::with_capacity(vertices.len());
-    for (i, v) in vertices.iter().enumerate() {
-        if index.insert(key(v, PLAIN), i).is_some() {
-            return None;
+impl Orbits {
+    /// Of each vertex, the first vertex of its orbit.
+    fn new(firsts: impl IntoIterator<Item = usize>) -> Self {
+        let mut all = Self { of: Vec::new(), first: Vec::new(), sizes: Vec::new() };
+        for (vertex, first) in firsts.into_iter().enumerate() {
+            if first == vertex {
+                all.of.push(all.first.len());
+                all.first.push(vertex);
+                all.sizes.push(1);
+            } else {
+                let orbit = all.of[first];
+                all.of.push(orbit);
+                all.sizes[orbit] += 1;
+            }
         }
+        all
     }
-    let mut orbits = Vec::new();
-    for (i, v) in vertices.iter().enumerate() {
-        let image = *index.get(&key(v, phi))?;
-        if i <= image {
-            orbits.push(Orbit { vertex: i, image });
+
+    /// Pairs every vertex with its mirror image; `None` unless all have exactly one. Positions
+    /// (and with `colored` colours) are compared to a nanometre, far below what f32 resolves.
+    fn mirrored(vertices: &[Vertex], phi: [bool; 3], colored: bool) -> Option<Self> {
+        let key = |v: &Vertex, phi: [bool; 3]| -> [i64; 6] {
+            std::array::from_fn(|k| match k {
+                0..3 => (reflect(v.position, phi)[k] * 1e6).round() as i64,
+                _ if colored => (v.color[k - 3] * 1e6).round() as i64,
+                _ => 0,
+            })
+        };
+        let mut index = HashMap::with_capacity(vertices.len());
+        for (i, v) in vertices.iter().enumerate() {
+            if index.insert(key(v, PLAIN), i).is_some() {
+                return None;
+            }
         }
+        let image = |v: &Vertex| index.get(&key(v, phi)).copied();
+        let images: Vec<usize> = vertices.iter().map(image).collect::<Option<_>>()?;
+        Some(Self::new(images.into_iter().enumerate().map(|(i, image)| i.min(image))))
     }
-    Some(orbits)
+
+    /// Joins the vertices of each colour.
+    fn colored(vertices: &[Vertex]) -> Self {
+        let mut index = HashMap::new();
+        let first = |(i, v): (usize, &Vertex)| *index.entry(v.color.map(f64::to_bits)).or_insert(i);
+        Self::new(vertices.iter().enumerate().map(first))
+    }
 }
 
 /// Lays the points of the orbits out per metric; also the order the Gaussians come to be in,
 /// as indices into `atoms`.
-fn metrics(atoms: &[Atom], vertices: &[Vertex], orbits: &[Orbit]) -> (Vec<Metric>, Vec<usize>) {
+fn metrics(atoms: &[Atom], vertices: &[Vertex], orbits: &Orbits) -> (Vec<Metric>, Vec<usize>) {
     let mut metrics = Vec::new();
     let mut order: Vec<usize> = Vec::new();
     for (first, atom) in atoms.iter().enumerate() {
@@ -266,7 +291,7 @@ fn metrics(atoms: &[Atom], vertices: &[Vertex], orbits: &[Orbit]) -> (Vec<Metric
             (first..atoms.len()).filter(|&a| atoms[a].same_metric(atom)).collect();
         let coordinate = |k: usize| -> Vec<f64> {
             let of = |v: &Vertex| if atom.space == Space::Color { v.color } else { v.position };
-            orbits.iter().map(|orbit| of(&vertices[orbit.vertex])[k]).collect()
+            orbits.first.iter().map(|&vertex| of(&vertices[vertex])[k]).collect()
         };
         metrics.push(Metric {
             points: std::array::from_fn(coordinate),

@@ -9,6 +9,7 @@ use std::ops::Range;
 
 /// Rows of a tile: the unit of parallel work, fixed so that results do not depend on threads.
 const ROWS: usize = 128;
+
 /// Points compared under one metric, `‖x_i − Φ x_j‖`, and the Gaussians that use it.
 #[derive(Clone)]
 pub(super) struct Metric {
@@ -49,20 +50,22 @@ impl Tiles {
         Self { size: n, kept: (0..n).into_par_iter().step_by(ROWS).map(band).collect() }
     }
 
-    /// Adds `T_p X_p` to the output of each `(p, X_p)`, in one sweep.
-    pub(super) fn apply(&self, inputs: &[(usize, Mat<f64>)], outputs: &mut [Mat<f64>]) {
+    /// `T_p X_p` of each `(p, X_p)`, in one sweep.
+    pub(super) fn apply(&self, inputs: &[(usize, Mat<f64>)]) -> Vec<Mat<f64>> {
         let n = self.size;
         let bands: Vec<Vec<Mat<f64>>> = (0..n)
             .into_par_iter()
             .step_by(ROWS)
             .map(|top| self.apply_band(top..n.min(top + ROWS), inputs))
             .collect();
+        let mut outputs: Vec<Mat<f64>> =
+            inputs.iter().map(|(_, x)| Mat::zeros(n, x.ncols())).collect();
         for (b, band) in bands.iter().enumerate() {
             for (output, part) in outputs.iter_mut().zip(band) {
-                let mut rows = output.subrows_mut(b * ROWS, part.nrows());
-                rows += part;
+                output.subrows_mut(b * ROWS, part.nrows()).copy_from(part);
             }
         }
+        outputs
     }
 
     fn apply_band(&self, rows: Range<usize>, inputs: &[(usize, Mat<f64>)]) -> Vec<Mat<f64>> {
@@ -212,8 +215,7 @@ mod tests {
         };
         let x = Mat::from_fn(n, 2, |i, j| ((i + 3 * j) % 11) as f64 - 5.0);
         let tiles = Tiles::new(&metrics, &[&weights[0], &weights[1]]);
-        let mut found = [0, 1].map(|_| Mat::zeros(n, 2));
-        tiles.apply(&[(1, x.clone()), (0, x.clone())], &mut found);
+        let found = tiles.apply(&[(1, x.clone()), (0, x.clone())]);
         for (p, found) in [1, 0].into_iter().zip(&found) {
             let expected =
                 Mat::from_fn(n, 2, |i, k| (0..n).map(|j| value(p, i, j) * x[(j, k)]).sum::<f64>());

@@ -298,4 +298,30 @@ mod tests {
             assert!((extent(&mesh) - extent(&template)).abs() < 3.0);
         }
     }
+    #[test]
+    fn the_page_and_the_tables_tell_everything() {
+        let row = |half, seconds| Row {
+            half,
+            method: "exact".into(),
+            rank: 199,
+            captured: 0.9186,
+            worst_vertex: 3.179,
+            seconds,
+            megabytes: None,
+        };
+        let size = |vertices: usize| Size {
+            vertices,
+            seconds: 5e-4 * vertices as f64,
+            megabytes: Some(500.0),
+            residual: 2e-4,
+        };
+        let sizes = vec![size(500), size(100_000)];
+        let methods = vec![row("shape", 1.0), row("albedo", 2.0)];
+        let result = Decompositions { vertices: 8291, methods, sizes };
+        let page = result.page().unwrap();
+        for part in ["3.179 mm", "<td>2e-4</td>", "Megabytes", "100\u{202f}000", "polyline"] {
+            assert!(page.contains(part), "{part}");
+        }
+        assert!(result.markdown().contains("| albedo | exact | 199 | 91.86 | 3.179 | 2.0 | – |"));
+    }
 }

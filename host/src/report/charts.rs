@@ -162,32 +162,51 @@ pub(super) fn bars(description: &str, x_title: &str, values: &[f32]) -> Option<S
 /// One of several lines of a chart.
 #[cfg(feature = "full")]
 pub(super) struct Series {
-    /// `(x, y, half the height of the error bar)`, x rising and positive.
+    /// `(x, y, half the height of the error bar)`, x rising, and positive.
     pub(super) points: Vec<(f64, f64, f64)>,
     /// Its colour: of the style sheet's `.series-N`.
     pub(super) color: usize,
 }
 
-/// Lines with dots and error bars over a logarithmic x axis with labels at `numbers`; the y axis
-/// begins at 0. `level` is drawn as a dashed line across. `None` with fewer than two numbers, or
-/// without a positive value.
+/// The x axis of [`curves`].
+#[cfg(feature = "full")]
+pub(super) enum Scale<'a> {
+    /// From 0 to this.
+    Linear(usize),
+    /// With labels at these numbers, from the first to the last.
+    Logarithmic(&'a [usize]),
+}
+
+/// Lines with dots and error bars; the y axis begins at 0. `level` is drawn as a dashed line
+/// across. `None` without a range of x, or without a positive value.
 #[cfg(feature = "full")]
 pub(super) fn curves(
     description: &str,
     x_title: &str,
-    numbers: &[usize],
+    scale: &Scale<'_>,
     series: &[Series],
     level: Option<f64>,
 ) -> Option<String> {
-    let (first, last) = (*numbers.first()? as f64, *numbers.last()? as f64);
+    let place = |x: f64| if let Scale::Linear(_) = scale { x } else { x.ln() };
+    let (first, last) = match *scale {
+        Scale::Linear(last) => (0.0, last as f64),
+        Scale::Logarithmic(numbers) => {
+            (place(*numbers.first()? as f64), place(*numbers.last()? as f64))
+        }
+    };
     let values = series.iter().flat_map(|s| &s.points).map(|&(_, y, error)| y + error);
     let high = values.chain(level).fold(0.0, f64::max);
     if !(first < last && high > 0.0 && high.is_finite()) {
         return None;
     }
-    let room = 0.03 * (last.ln() - first.ln());
-    let axes = Axes { x: (first.ln() - room, last.ln() + room), y: (0.0, 1.05 * high) };
-    let x_ticks: Vec<_> = numbers.iter().map(|&m| ((m as f64).ln(), m.to_string())).collect();
+    let room = 0.03 * (last - first);
+    let axes = Axes { x: (first - room, last + room), y: (0.0, 1.05 * high) };
+    let x_ticks = match *scale {
+        Scale::Linear(_) => labelled(&ticks((first, last))),
+        Scale::Logarithmic(numbers) => {
+            numbers.iter().map(|&m| (place(m as f64), m.to_string())).collect()
+        }
+    };
     let mut svg = axes.frame(description, x_title, &x_ticks, &ticks(axes.y));
     if let Some(level) = level {
         put(
@@ -203,11 +222,11 @@ pub(super) fn curves(
     for Series { points, color } in series {
         put(&mut svg, format_args!("<g class=\"series-{color}\"><polyline points=\""));
         for (x, y, _) in points {
-            put(&mut svg, format_args!("{:.1},{:.1} ", axes.px(x.ln()), axes.py(*y)));
+            put(&mut svg, format_args!("{:.1},{:.1} ", axes.px(place(*x)), axes.py(*y)));
         }
         put(&mut svg, format_args!("\"/>"));
         for (x, y, error) in points {
-            let x = axes.px(x.ln());
+            let x = axes.px(place(*x));
             put(
                 &mut svg,
                 format_args!(
@@ -299,15 +318,22 @@ mod tests {
     fn curves_are_spaced_by_factors_and_begin_at_zero() {
         let points = vec![(1.0, 2.0, 0.0), (10.0, 1.0, 0.5), (100.0, 0.5, 0.0)];
         let lines = [Series { points, color: 3 }];
-        let svg = curves("error", "components", &[1, 10, 100], &lines, Some(2.5)).unwrap();
+        let [one, some] = [&[1][..], &[1, 10, 100]].map(Scale::Logarithmic);
+        let svg = curves("error", "components", &some, &lines, Some(2.5)).unwrap();
         let at = svg.split("points=\"").nth(1).unwrap().split('"').next().unwrap();
         let x: Vec<f64> =
             at.split_whitespace().map(|p| p.split(',').next().unwrap().parse().unwrap()).collect();
         assert!((x[1] - x[0] - (x[2] - x[1])).abs() < 0.2, "{x:?}");
         assert!(svg.contains(">0</text>") && svg.contains(">100</text>"), "{svg}");
         assert!(svg.contains("class=\"series-3\"") && svg.contains("class=\"level\""));
-        assert!(curves("", "", &[1], &lines, None).is_none());
-        assert!(curves("", "", &[1, 2], &[], None).is_none());
+        assert!(curves("", "", &one, &lines, None).is_none());
+        assert!(curves("", "", &some, &[], None).is_none());
+
+        let svg = curves("error", "vertices", &Scale::Linear(100), &lines, None).unwrap();
+        let at = svg.split("points=\"").nth(1).unwrap().split('"').next().unwrap();
+        let x: Vec<f64> =
+            at.split_whitespace().map(|p| p.split(',').next().unwrap().parse().unwrap()).collect();
+        assert!(((x[2] - x[1]) / (x[1] - x[0]) - 10.0).abs() < 0.1, "{x:?}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The page and the table of what models achieve by number of components.
 
-use super::charts::{Series, curves, spaced};
+use super::charts::{Scale, Series, curves, spaced};
 use super::words::{Escaped, number};
 use super::{foot, head};
 use crate::error::{Error, Result};
@@ -132,7 +132,7 @@ fn chart(description: &str, models: &[Curve], half: usize, value: Value) -> Opti
     }
     let mean = models.first().and_then(|curve| points(curve, half).first());
     let level = mean.and_then(value).map(|estimate| estimate.mean).filter(|level| *level > 0.0);
-    curves(description, "components", &shown, &series, level)
+    curves(description, "components", &Scale::Logarithmic(&shown), &series, level)
 }
 
 fn table(f: &mut impl Write, models: &[Curve], half: usize, decimals: usize) -> fmt::Result {
