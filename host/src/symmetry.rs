@@ -18,6 +18,23 @@ pub struct Plane {
     pub offset: f64,
 }
 
+impl Plane {
+    /// The plane `a·p = b`, unless `a` has no direction or a number is not finite.
+    pub fn new(a: [f64; 3], b: f64) -> Option<Self> {
+        let length = a[0].hypot(a[1]).hypot(a[2]);
+        let plane = Self { normal: a.map(|x| x / length), offset: b / length };
+        let finite = plane.normal.iter().chain([&plane.offset]).all(|x| x.is_finite());
+        (finite && length.is_finite()).then_some(plane)
+    }
+
+    /// The plane after a rotation about the origin.
+    #[must_use]
+    pub fn turned(self, rotation: impl FnOnce([f32; 3]) -> [f32; 3]) -> Self {
+        let normal = rotation(self.normal.map(|x| x as f32)).map(f64::from);
+        Self { normal, ..self }
+    }
+}
+
 impl fmt::Display for Plane {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ([x, y, z], d) = (self.normal, self.offset);

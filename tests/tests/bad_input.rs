@@ -568,6 +568,8 @@ fn wrong_usage_is_told_apart() {
         "build scan.ply -o a.3dmm --unit furlong",
         "build scan.ply -o a.3dmm --unit 0",
         "build scan.ply -o a.3dmm --up w",
+        "build scan.ply -o a.3dmm --mirror sideways",
+        "build scan.ply -o a.3dmm --mirror 0,0,0,1",
         "inspect scan.stl --colour 300,0,0",
         "inspect scan.ply --largest",
         "sample m.3dmm -o out -n 0",

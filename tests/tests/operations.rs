@@ -64,3 +64,34 @@ fn models_are_learnt_cut_out_conditioned_and_measured() {
     assert!(last["surface_specificity"]["mean"].as_f64().unwrap() > 0.1, "{last}");
     assert!(fs::read_to_string(at("report/report.html")).unwrap().contains("<svg"));
 }
+
+#[test]
+fn a_plane_of_symmetry_is_an_axis_given_or_found() {
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+    run("modes @golden/small.3dmm -n 1 -o modes");
+    run("build modes/mean.ply -o axis.3dmm --rank 5");
+    run("build modes/mean.ply -o plane.3dmm --rank 5 --mirror -2,0,0,0");
+    assert_eq!(fs::read(at("axis.3dmm")).unwrap(), fs::read(at("plane.3dmm")).unwrap());
+
+    // The same scan, on its side and elsewhere.
+    let mut scan = ply::read(&at("modes/mean.ply")).unwrap();
+    for p in &mut scan.points {
+        *p = [50.0 - p[1], p[0] + 5.0, p[2]];
+    }
+    let mut bytes = Vec::new();
+    ply::write(&mut bytes, &scan, ply::Encoding::default()).unwrap();
+    fs::write(at("moved.ply"), bytes).unwrap();
+    run("build moved.ply -o given.3dmm --rank 5 --up -x --mirror 0,1,0,5");
+    run("build moved.ply -o found.3dmm --rank 5 --up -x --mirror find");
+    let first = |model: &str| -> f64 {
+        let info: Value = serde_json::from_str(&run(&format!("info {model} --json"))).unwrap();
+        info["albedo"]["total_variance"].as_f64().unwrap()
+    };
+    let expected = first("axis.3dmm");
+    for model in ["given.3dmm", "found.3dmm"] {
+        let variance = first(model);
+        assert!((variance / expected - 1.0).abs() < 1e-3, "{model}: {variance}, not {expected}");
+    }
+}

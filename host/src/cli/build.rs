@@ -2,14 +2,15 @@
 
 use super::scan::Scan;
 use super::{file_name, model_file, write_model};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use onescan::build::{BuildOptions, Method, build};
 use onescan::decompose::Truncation;
 use onescan::error::{Error, Result};
 use onescan::interchange::Format;
 use onescan::kernel::{Axis, Hyper, Kernels, PRESETS, Preset};
+use onescan::landmarks;
 use onescan::progress::Console;
-use onescan::{landmarks, symmetry};
+use onescan::symmetry::{self, Plane, Symmetry};
 use std::path::PathBuf;
 
 /// Build a model from one coloured scan.
@@ -43,19 +44,41 @@ pub(super) struct Build {
     /// STL equal vertices are joined: name them by coordinates, which are the file's.
     #[arg(long)]
     landmarks: Option<PathBuf>,
-    /// Axis the plane of symmetry through the origin is perpendicular to; `find` looks for the
-    /// plane, wherever it is, and moves the scan.
-    #[arg(long, default_value = "x")]
+    /// The plane of symmetry: x, y or z, the axis it is perpendicular to in the origin; A,B,C,D, in
+    /// the file's coordinates the plane A x + B y + C z = D; `find`, wherever it is; or `none`. A
+    /// plane that is given or found is moved to the origin, and the scan with it.
+    #[arg(long, default_value = "x", value_parser = mirror, allow_hyphen_values = true)]
     mirror: Mirror,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy)]
 enum Mirror {
-    X,
-    Y,
-    Z,
-    None,
+    Axis(Axis),
+    Plane(Plane),
     Find,
+    None,
+}
+
+fn mirror(text: &str) -> std::result::Result<Mirror, String> {
+    match text {
+        "x" => return Ok(Mirror::Axis(Axis::X)),
+        "y" => return Ok(Mirror::Axis(Axis::Y)),
+        "z" => return Ok(Mirror::Axis(Axis::Z)),
+        "find" => return Ok(Mirror::Find),
+        "none" => return Ok(Mirror::None),
+        _ => {}
+    }
+    let numbers: std::result::Result<Vec<f64>, _> =
+        text.split(',').map(|part| part.trim().parse()).collect();
+    numbers
+        .ok()
+        .and_then(|numbers| numbers.try_into().ok())
+        .and_then(|[a, b, c, d]: [f64; 4]| Plane::new([a, b, c], d))
+        .map(Mirror::Plane)
+        .ok_or_else(|| {
+            "expected x, y, z, find, none, or four numbers A,B,C,D of the plane A x + B y + C z = D"
+                .into()
+        })
 }
 
 fn preset(name: &str) -> std::result::Result<&'static Preset, String> {
@@ -86,18 +109,22 @@ impl Build {
             None => Vec::new(),
         };
         let mirror = match self.mirror {
-            Mirror::X => Some(Axis::X),
-            Mirror::Y => Some(Axis::Y),
-            Mirror::Z => Some(Axis::Z),
+            Mirror::Axis(axis) => Some(axis),
             Mirror::None => None,
-            Mirror::Find => {
-                let found = symmetry::find(&scan).map_err(|e| Error::file(&self.scan.path, e))?;
+            Mirror::Plane(_) | Mirror::Find => {
+                let frame = self.scan.frame()?;
+                let symmetry = match self.mirror {
+                    Mirror::Plane(plane) => symmetry::judge(&scan, plane.turned(|n| frame.turn(n))),
+                    _ => symmetry::find(&scan),
+                };
+                let Symmetry { plane, error } =
+                    symmetry.map_err(|e| Error::file(&self.scan.path, e))?;
                 console.say(format_args!(
                     "plane of symmetry: {}, off by {:.3} mm (root mean square)",
-                    found.plane,
-                    found.error * f64::from(millimetres)
+                    plane.turned(|n| frame.undo(n)),
+                    error * f64::from(millimetres)
                 ));
-                Some(symmetry::align(&mut scan.points, &found.plane))
+                Some(symmetry::align(&mut scan.points, &plane))
             }
         };
         let kernels = match &self.kernel_file {
@@ -116,11 +143,8 @@ impl Build {
             millimetres,
         };
         let mut task = console.task("building", 1000);
-        let built = build(&scan, &landmarks, &options, &mut |done, what| {
-            task.name(what);
-            task.set((1000.0 * done) as u64);
-        })
-        .map_err(|e| Error::file(&self.scan.path, e))?;
+        let built = build(&scan, &landmarks, &options, &mut |done, what| task.report(done, what))
+            .map_err(|e| Error::file(&self.scan.path, e))?;
         task.finish();
         console.say(&built.report);
         if Format::of(&self.output) == Format::ThreeDmm {
