@@ -101,6 +101,10 @@ typedef struct {
    */
   uint32_t landmark_samples;
   /*
+   Steps of the shape stage: 0 for faces, 5000 for other objects.
+   */
+  uint32_t shape_samples;
+  /*
    Steps of the image stage.
    */
   uint32_t samples;

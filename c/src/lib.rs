@@ -95,6 +95,8 @@ pub struct OnescanSettings {
     pub albedo_rank: u32,
     /// Steps of the landmark stage.
     pub landmark_samples: u32,
+    /// Steps of the shape stage: 0 for faces, 5000 for other objects.
+    pub shape_samples: u32,
     /// Steps of the image stage.
     pub samples: u32,
     /// Standard deviation of a landmark, pixels.
@@ -173,6 +175,7 @@ pub extern "C" fn onescan_default_settings() -> OnescanSettings {
         shape_rank: config.shape_rank as u32,
         albedo_rank: config.albedo_rank as u32,
         landmark_samples: config.landmark_samples,
+        shape_samples: config.shape_samples,
         samples: config.samples,
         landmark_sd: config.landmark_sd,
         pixel_sd: config.pixel_sd,
@@ -298,6 +301,7 @@ pub unsafe extern "C" fn onescan_start(
         shape_rank: settings.shape_rank as usize,
         albedo_rank: settings.albedo_rank as usize,
         landmark_samples: settings.landmark_samples,
+        shape_samples: settings.shape_samples,
         samples: settings.samples,
         landmark_sd: settings.landmark_sd,
         pixel_sd: settings.pixel_sd,

@@ -27,6 +27,21 @@ function put(bytes) {
   new Uint8Array(memory.buffer).set(bytes, at);
   return at;
 }
+// Where a C compiler puts the fields of one of the header's structures.
+function layout(name) {
+  const header = readFileSync(new URL("../../c/include/onescan.h", import.meta.url), "utf8");
+  const plain = header.replace(/\/\*[^]*?\*\//g, "");
+  const [, body] = new RegExp(`typedef struct \\{([^{}]*)\\} ${name};`).exec(plain);
+  const sizes = { uint64_t: 8, double: 8, uint32_t: 4, float: 4, bool: 1 };
+  const of = {};
+  let size = 0;
+  for (const [, type, field] of body.matchAll(/(\w+) (\w+);/g)) {
+    size = Math.ceil(size / sizes[type]) * sizes[type];
+    of[field] = { type, offset: size };
+    size += sizes[type];
+  }
+  return { of, size: Math.ceil(size / 8) * 8 };
+}
 const view = () => new DataView(memory.buffer);
 const text = (at) => {
   const bytes = new Uint8Array(memory.buffer);
@@ -55,15 +70,21 @@ lines.forEach((line, i) => {
 
 const info = allocate(20);
 check(onescan.onescan_model_info(modelAt, model.length, info), "model");
-const settings = allocate(40);
+const fields = layout("OnescanSettings");
+const settings = allocate(fields.size);
 onescan.onescan_default_settings(settings);
+function set(name, value) {
+  const { type, offset } = fields.of[name];
+  if (type === "float") view().setFloat32(settings + offset, value, true);
+  else view().setUint32(settings + offset, value, true);
+}
 if (small) {
-  view().setUint32(settings + 8, 30, true); // shape_rank
-  view().setUint32(settings + 12, 30, true); // albedo_rank
-  view().setUint32(settings + 16, 1000, true); // landmark_samples
-  view().setUint32(settings + 20, 2000, true); // samples
-  view().setFloat32(settings + 24, 1, true); // landmark_sd
-  view().setFloat32(settings + 32, 5, true); // pixel_patch
+  set("shape_rank", 30);
+  set("albedo_rank", 30);
+  set("landmark_samples", 1000);
+  set("samples", 2000);
+  set("landmark_sd", 1);
+  set("pixel_patch", 5);
 }
 
 const words = onescan.onescan_words(info, settings, lines.length, width, height);
@@ -76,7 +97,8 @@ check(
   "start",
 );
 while (onescan.onescan_step(fit, 500) > 0) {}
-const progress = allocate(24);
+const results = layout("OnescanProgress");
+const progress = allocate(results.size);
 check(onescan.onescan_progress(fit, progress), "progress");
-const fingerprint = view().getBigUint64(progress + 8, true);
+const fingerprint = view().getBigUint64(progress + results.of.fingerprint.offset, true);
 console.log(`fingerprint ${fingerprint.toString(16).padStart(16, "0")}`);

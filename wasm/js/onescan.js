@@ -9,8 +9,8 @@ import init, { Fit as Chain, Model, Photo, Viewer } from './wasm/onescan_wasm.js
 export { Model, Photo, Viewer };
 
 /** @typedef {{ name: string, x: number, y: number, visible?: boolean }} Landmark Pixels of the photo; pixel (x, y) is the point (x, y). */
-/** @typedef {{ seed?: number, samples?: number, landmarkSamples?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number, sampler?: boolean }} Settings As the options of `onescan fit`. */
-/** @typedef {{ done: number, total: number, stage: 'landmarks' | 'image', seconds: number, stepsPerSecond: number, fingerprint: string }} Progress Speed is that of the image stage, once it has begun. */
+/** @typedef {{ seed?: number, samples?: number, landmarkSamples?: number, shapeSamples?: number, landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number, sampler?: boolean }} Settings As the options of `onescan fit`. */
+/** @typedef {{ done: number, total: number, stage: 'landmarks' | 'shape' | 'image', seconds: number, stepsPerSecond: number, fingerprint: string }} Progress Speed is that of the image stage, once it has begun. */
 /** @typedef {{ name: string, bytes: Uint8Array<ArrayBuffer> }} SavedFile */
 /** @typedef {import('./wasm/onescan_wasm.js').Fitted} Fitted */
 
@@ -111,7 +111,7 @@ export class Fit extends EventTarget {
   /** @param {number} count */
   #advance(count) {
     const chain = this.#chain;
-    const image = chain.inImageStage;
+    const image = chain.stage === 'image';
     const start = performance.now();
     const made = chain.step(count);
     const seconds = (performance.now() - start) / 1000;
@@ -173,9 +173,9 @@ export class Fit extends EventTarget {
 
   /** @returns {Progress} */
   get progress() {
-    const { done, total, inImageStage, fingerprint } = this.#chain;
+    const { done, total, fingerprint } = this.#chain;
     const stepsPerSecond = this.#imageSteps / Math.max(this.#imageSeconds, 1e-9);
-    const stage = inImageStage ? 'image' : 'landmarks';
+    const stage = /** @type {Progress['stage']} */ (this.#chain.stage);
     return { done, total, stage, seconds: this.#seconds, stepsPerSecond, fingerprint };
   }
 

@@ -316,25 +316,35 @@ function whole(id, name) {
   return valueAsNumber;
 }
 
+/** What each stage does. */
+const STAGES = {
+  landmarks: 'Pose by landmarks',
+  shape: 'Shape by landmarks',
+  image: 'Everything by the photo',
+};
+
+/** @type {{ name: string, steps: number }[]} */
+let schedule = [];
+
 client.addEventListener('progress', (event) => {
   const live = /** @type {CustomEvent<import('../js/worker.js').LiveProgress>} */ (event).detail;
   const { done, total, stage: name, stepsPerSecond, trace, crop, overlay } = live;
   element('progress', HTMLProgressElement).value = done / Math.max(total, 1);
-  element('speed', HTMLElement).textContent =
-    name === 'landmarks'
-      ? `Pose by landmarks: step ${done} of ${total}`
-      : `Everything by the photo: step ${done} of ${total}, ${Math.round(stepsPerSecond)} steps/s`;
+  const speed = name === 'image' ? `, ${Math.round(stepsPerSecond)} steps/s` : '';
+  element('speed', HTMLElement).textContent = `${STAGES[name]}: step ${done} of ${total}${speed}`;
   const chart = element('trace', HTMLCanvasElement);
   chart.hidden = false;
-  drawTrace(chart, trace, boundary, total);
+  drawTrace(chart, trace, schedule);
   if (overlay) editor.overlay(overlay, crop);
 });
 
-let boundary = 0;
-
 /** @param {any} job */
 async function runFit(job) {
-  boundary = job.landmarkSamples;
+  schedule = [
+    { name: STAGES.landmarks, steps: job.landmarkSamples },
+    { name: STAGES.shape, steps: job.shapeSamples },
+    { name: STAGES.image, steps: job.samples },
+  ];
   state.busy = 'fitting';
   refresh();
   try {
@@ -351,6 +361,7 @@ on('fit', async () => {
     seed: whole('seed', 'Seed'),
     samples: whole('samples', 'Steps'),
     landmarkSamples: whole('landmark-samples', 'Landmark steps'),
+    shapeSamples: whole('shape-samples', 'Shape steps'),
     names: { model: state.modelName, photo: state.photoName },
   };
   input('opacity').value = '1';

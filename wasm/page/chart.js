@@ -1,14 +1,13 @@
-/** The likelihood's trace: both stages, each on its own scale, since they measure other things. */
+/** The likelihood's trace: each stage on its own scale, since they measure other things. */
 
 import { context } from './dom.js';
 
 /**
  * @param {HTMLCanvasElement} canvas
  * @param {ArrayLike<number>} trace Step and value by turns.
- * @param {number} boundary Step at which the image stage begins.
- * @param {number} total Steps in all.
+ * @param {{ name: string, steps: number }[]} schedule The stages, in order.
  */
-export function drawTrace(canvas, trace, boundary, total) {
+export function drawTrace(canvas, trace, schedule) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   canvas.width = Math.round(width * ratio);
@@ -21,15 +20,17 @@ export function drawTrace(canvas, trace, boundary, total) {
   draw.strokeStyle = style.getPropertyValue('--accent');
   draw.lineWidth = 1.5;
   draw.lineJoin = 'round';
-  const split = (boundary / Math.max(total, 1)) * width;
-  const stages = [
-    { name: 'pose by landmarks', from: 0, to: split, first: 0, last: boundary },
-    { name: 'everything by the photo', from: split, to: width, first: boundary, last: total },
-  ];
-  for (const { name, from, to, first, last } of stages) {
+  const total = schedule.reduce((sum, { steps }) => sum + steps, 0);
+  let last = 0;
+  for (const { name, steps } of schedule) {
+    const first = last;
+    last += steps;
+    const [from, to] = [first, last].map((step) => (step / Math.max(total, 1)) * width);
+    if (first > 0) draw.fillRect(from, 0, 1, height);
+    if (steps === 0) continue;
     const points = [];
     for (let i = 0; i < trace.length; i += 2) {
-      // The boundary's own point is the image stage's.
+      // A boundary's own point is the later stage's.
       if (trace[i] >= first && (trace[i] < last || last === total)) points.push([trace[i], trace[i + 1]]);
     }
     draw.fillText(name, from + 4, height - 4, to - from - 8);
@@ -47,5 +48,4 @@ export function drawTrace(canvas, trace, boundary, total) {
     }
     draw.stroke();
   }
-  draw.fillRect(split, 0, 1, height);
 }

@@ -26,6 +26,10 @@ struct Settings {
     samples: u32,
     /// Steps of the landmark stage.
     landmark_samples: u32,
+    /// Steps of the shape stage, for objects that are no faces.
+    shape_samples: u32,
+    /// Standard deviation of a landmark, pixels of the picture the fit looks at.
+    landmark_sd: f32,
     /// Shape coefficients to infer.
     shape_rank: usize,
     /// Albedo coefficients to infer.
@@ -45,6 +49,8 @@ impl Default for Settings {
             seed: 7,
             samples: config.samples,
             landmark_samples: config.landmark_samples,
+            shape_samples: config.shape_samples,
+            landmark_sd: config.landmark_sd,
             shape_rank: config.shape_rank,
             albedo_rank: config.albedo_rank,
             size: Crop::LONGER_SIDE,
@@ -152,10 +158,16 @@ impl Fit {
         self.with(|running| running.chain.checkpoint().image_evaluated)
     }
 
-    /// Whether the landmark stage is over.
-    #[wasm_bindgen(getter, js_name = inImageStage)]
-    pub fn in_image_stage(&self) -> bool {
-        self.with(|running| running.chain.checkpoint().stage == Stage::Image)
+    /// The stage it is in: `landmarks`, `shape` or `image`.
+    #[wasm_bindgen(getter)]
+    pub fn stage(&self) -> String {
+        let stage = self.with(|running| running.chain.checkpoint().stage);
+        match stage {
+            Stage::Landmarks => "landmarks",
+            Stage::Shape => "shape",
+            Stage::Image => "image",
+        }
+        .into()
     }
 
     /// Hash over the bits of every accepted state, 16 hexadecimal digits.
@@ -242,6 +254,8 @@ fn start(model: &Model, photo: &Photo, landmarks: &str, settings: &str) -> Resul
         shape_rank: settings.shape_rank,
         albedo_rank: settings.albedo_rank,
         landmark_samples: settings.landmark_samples,
+        shape_samples: settings.shape_samples,
+        landmark_sd: settings.landmark_sd,
         samples: settings.samples,
         pixel_patch: settings.pixel_patch,
         search: !settings.sampler,

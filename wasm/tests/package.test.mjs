@@ -35,7 +35,7 @@ test('the example of the README runs', { timeout: 120_000 }, async () => {
 });
 
 test('a JPEG gives the native fit, steps of any number, run or stepped', { timeout: 120_000 }, async () => {
-  const expected = native(modelFile, 'grace_hopper.jpg', ['--samples', '300', '--landmark-samples', '500']);
+  const expected = native(modelFile, 'grace_hopper.jpg', ['--samples', '300', '--landmark-samples', '500', '--shape-samples', '200', '--landmark-sd', '3']);
   const onescan = await create();
   const job = {
     model: onescan.model(bytes),
@@ -43,11 +43,13 @@ test('a JPEG gives the native fit, steps of any number, run or stepped', { timeo
     landmarks: readFileSync(join(PHOTOS, 'grace_hopper.tlms'), 'utf8'),
     samples: 300,
     landmarkSamples: 500,
+    shapeSamples: 200,
+    landmarkSd: 3,
   };
   const stepped = onescan.fit(job);
   let made = 0;
   for (let count = 1, last = 1; last > 0; count += 1) made += last = stepped.step(count);
-  assert.equal(made, 800);
+  assert.equal(made, 1000);
   assert.equal(stepped.fingerprint, expected.fingerprint);
 
   const run = onescan.fit(job);
