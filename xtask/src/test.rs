@@ -3,7 +3,13 @@
 use crate::shell::{cargo, run as sh, target};
 use crate::{Outcome, c, determinism, device, hdf5, no_arguments, no_std, page};
 use std::fs;
+use std::process::exit;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread::spawn;
 use std::time::{Duration, Instant};
+
+/// What a stage that hangs is stopped after: several times what the longest takes.
+const LIMIT: Duration = Duration::from_secs(40 * 60);
 
 struct Stage {
     name: &'static str,
@@ -33,7 +39,15 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     for Stage { name, run } in STAGES {
         println!("\n=== {name}");
         let start = Instant::now();
+        let (done, ended) = channel::<()>();
+        spawn(move || {
+            if ended.recv_timeout(LIMIT) == Err(RecvTimeoutError::Timeout) {
+                eprintln!("xtask test: {name} has not ended after {} s", LIMIT.as_secs());
+                exit(1);
+            }
+        });
         let outcome = run();
+        drop(done);
         times.push((name, start.elapsed()));
         if let Err(message) = outcome {
             show(&times);
