@@ -316,11 +316,11 @@ function whole(id, name) {
   return valueAsNumber;
 }
 
-/** What each stage does. */
+/** What each stage moves, and by what it is judged. */
 const STAGES = {
-  landmarks: 'Pose by landmarks',
-  shape: 'Shape by landmarks',
-  image: 'Everything by the photo',
+  landmarks: { moves: 'Pose', by: 'landmarks' },
+  shape: { moves: 'Shape', by: 'landmarks' },
+  image: { moves: 'Everything', by: 'the photo' },
 };
 
 /** @type {{ name: string, steps: number }[]} */
@@ -330,8 +330,9 @@ client.addEventListener('progress', (event) => {
   const live = /** @type {CustomEvent<import('../js/worker.js').LiveProgress>} */ (event).detail;
   const { done, total, stage: name, stepsPerSecond, trace, crop, overlay } = live;
   element('progress', HTMLProgressElement).value = done / Math.max(total, 1);
+  const { moves, by } = STAGES[name];
   const speed = name === 'image' ? `, ${Math.round(stepsPerSecond)} steps/s` : '';
-  element('speed', HTMLElement).textContent = `${STAGES[name]}: step ${done} of ${total}${speed}`;
+  element('speed', HTMLElement).textContent = `${moves} by ${by}: step ${done} of ${total}${speed}`;
   const chart = element('trace', HTMLCanvasElement);
   chart.hidden = false;
   drawTrace(chart, trace, schedule);
@@ -341,9 +342,9 @@ client.addEventListener('progress', (event) => {
 /** @param {any} job */
 async function runFit(job) {
   schedule = [
-    { name: STAGES.landmarks, steps: job.landmarkSamples },
-    { name: STAGES.shape, steps: job.shapeSamples },
-    { name: STAGES.image, steps: job.samples },
+    { name: STAGES.landmarks.moves, steps: job.landmarkSamples },
+    { name: STAGES.shape.moves, steps: job.shapeSamples },
+    { name: STAGES.image.moves, steps: job.samples },
   ];
   state.busy = 'fitting';
   refresh();
