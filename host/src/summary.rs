@@ -272,7 +272,13 @@ pub(crate) mod tests {
                 proposal(Stage::Image, "shape", 150, 60, false),
                 proposal(Stage::Image, "light", 50, 23, true),
             ],
-            trace: vec![(0, -90.5), (50, -30.0), (100, -1024.5), (200, 1800.0), (300, 2048.25)],
+            trace: vec![
+                (0, -90.5),
+                (50, -30.0),
+                (100, -1024.5),
+                (200, -28_147.817_395_960_334),
+                (300, 2048.25),
+            ],
             parameters,
         }
     }
@@ -317,7 +323,7 @@ pub(crate) mod tests {
         };
         assert!(error("\"seed\"", "\"sead\"").contains("missing field `seed`"));
         assert!(error("\"roll\": 0.0", "\"roll\": \"x\"").starts_with("parameters.pose.roll: "));
-        assert!(error("-1.25", "1e99").starts_with("shape[1] is not a finite"));
+        assert!(error("-1.25", "1e99").starts_with("parameters.shape[1]: "));
         assert!(error("\"focal_length\": 7.5", "\"focal_length\": 0").contains("focal length"));
         assert!(Summary::parse(&text[..99]).is_err());
         assert!(Summary::parse(&(text.clone() + "x")).is_err());
