@@ -40,10 +40,13 @@ impl Info {
             return Ok(());
         }
         println!("{} vertices, {} triangles", model.vertices(), model.triangles.len());
-        print_half("shape", &model.shape, "mm²");
-        print_half("albedo", &model.albedo, "");
+        print_half("shape", &model.shape, "mm² per coordinate");
+        print_half("albedo", &model.albedo, "per channel");
         let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
-        println!("{} landmarks: {}", names.len(), names.join(", "));
+        match names.len() {
+            0 => println!("no landmarks"),
+            count => println!("{count} landmarks: {}", names.join(", ")),
+        }
         println!("checksum {}", hex(model.checksum()));
         println!("{}", model.provenance().trim_end());
         Ok(())
@@ -82,7 +85,7 @@ fn half_json(basis: &Basis<'_>) -> Value {
 fn print_half(name: &str, basis: &Basis<'_>, unit: &str) {
     let points = basis.mean().len().max(1) as f64;
     println!(
-        "{name}: {} components hold {:.1} % of the variance ({:.4} {unit} per coordinate)",
+        "{name}: {} components hold {:.1} % of the variance ({:.4} {unit})",
         basis.rank(),
         100.0 * captured(basis),
         basis.total_variance() / points
