@@ -231,6 +231,7 @@ impl Kind {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::doctor::Findings;
     use crate::{landmarks, ply};
     use std::path::Path;
 
@@ -270,6 +271,11 @@ mod tests {
             let other = kind.specimen(&mut rng);
             assert_eq!(other.landmarks.len(), landmarks.len());
             assert_ne!(other.mesh, mesh);
+            for mesh in [&mesh, &other.mesh] {
+                let found = Findings::of(mesh, 1.0);
+                let edges = (found.border_edges, found.crowded_edges, found.clashing_edges);
+                assert_eq!(edges, (0, 0, 0));
+            }
         }
     }
 }

@@ -94,7 +94,8 @@ impl Solid {
     }
 
     /// Its surface: a vertex in every cell of a grid that the surface crosses, at the mean of where
-    /// it crosses the cell's edges (surface nets, Gibson 1998). Exactly symmetric about x = 0.
+    /// it crosses the cell's edges (surface nets, Gibson 1998). Exactly symmetric about x = 0, and
+    /// no edge has more than two triangles.
     pub fn mesh(&self, spacing: f64) -> Mesh {
         let reach = self.parts.iter().fold([0.0_f64; 3], |reach, part| {
             let longest = part.radii.iter().copied().fold(0.0, f64::max);
@@ -112,9 +113,7 @@ impl Solid {
                 }
             }
         }
-        let step = |n: Cell, axis: usize, by: i32| -> Cell {
-            std::array::from_fn(|k| n[k] + if k == axis { by } else { 0 })
-        };
+        separate(&mut values);
         // Where the surface crosses an edge of the grid, as sums per cell.
         let mut crossings: HashMap<Cell, ([f64; 3], f64)> = HashMap::new();
         let mut quads: Vec<([Cell; 4], bool)> = Vec::new();
@@ -160,6 +159,43 @@ impl Solid {
             mesh.triangles.extend([[a, b, c], [a, c, d]]);
         }
         mesh
+    }
+}
+
+fn step(node: Cell, axis: usize, by: i32) -> Cell {
+    std::array::from_fn(|k| node[k] + if k == axis { by } else { 0 })
+}
+
+/// Sees to it that no square of the grid has two opposite corners inside and two outside: four
+/// sheets of the surface would meet in one edge. Of the outer corners the nearer one comes inside,
+/// by as much as it was outside.
+fn separate(values: &mut HashMap<Cell, f64>) {
+    loop {
+        let mut nearer = Vec::new();
+        for &node in values.keys().filter(|node| node[0] >= 0) {
+            for [a, b] in [[0, 1], [1, 2], [2, 0]] {
+                let corners =
+                    [node, step(node, a, 1), step(step(node, a, 1), b, 1), step(node, b, 1)];
+                let [Some(p), Some(q), Some(r), Some(s)] = corners.map(|c| values.get(&c)) else {
+                    continue;
+                };
+                let outside = match [p, q, r, s].map(|&value| value < 0.0) {
+                    [true, false, true, false] => [(q, corners[1]), (s, corners[3])],
+                    [false, true, false, true] => [(p, corners[0]), (r, corners[2])],
+                    _ => continue,
+                };
+                let [one, other] = outside;
+                nearer.push(if one.0 <= other.0 { one.1 } else { other.1 });
+            }
+        }
+        if nearer.is_empty() {
+            return;
+        }
+        for [x, y, z] in nearer {
+            for node in [[x, y, z], [-x, y, z]] {
+                values.entry(node).and_modify(|value| *value = -value.abs().max(f64::MIN_POSITIVE));
+            }
+        }
     }
 }
 
