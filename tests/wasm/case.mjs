@@ -68,15 +68,14 @@ lines.forEach((line, i) => {
   view().setFloat32(landmarks + 12 * i + 8, Number(y), true);
 });
 
-const info = allocate(20);
+const info = allocate(layout("OnescanModelInfo").size);
 check(onescan.onescan_model_info(modelAt, model.length, info), "model");
 const fields = layout("OnescanSettings");
 const settings = allocate(fields.size);
 onescan.onescan_default_settings(settings);
 function set(name, value) {
   const { type, offset } = fields.of[name];
-  if (type === "float") view().setFloat32(settings + offset, value, true);
-  else view().setUint32(settings + offset, value, true);
+  view()[{ uint32_t: "setUint32", float: "setFloat32" }[type]](settings + offset, value, true);
 }
 if (small) {
   set("shape_rank", 30);

@@ -9,6 +9,9 @@ pub(super) const LANES: usize = 16;
 /// of a product leaves out.
 pub(super) type Lanes = [f32; LANES];
 
+/// What is summed for each: of many values, so in double precision.
+pub(super) type Sum = [f64; LANES];
+
 /// At most [`LANES`] columns, their rows in some order and scaled; columns that are missing are zero.
 pub(super) fn gathered(columns: MatRef<'_, f64>, order: &[usize], scales: &[f64]) -> Vec<Lanes> {
     let mut rows = vec![[0.0; LANES]; order.len()];

@@ -7,7 +7,7 @@
 // Without it `pulp`'s dispatch compiles for the base instruction set.
 #![allow(clippy::inline_always)]
 
-use super::lanes::{LANES, Lanes, aligned};
+use super::lanes::{LANES, Lanes, Sum, aligned};
 use super::tiles::Metric;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -22,9 +22,6 @@ const BATCH: usize = 128;
 const COARSE: usize = 128;
 /// Exponent beyond which a Gaussian counts as zero: it is below 1e-6.
 const FAR: f64 = 13.9;
-
-/// What is summed for a row.
-pub(super) type Sum = [f64; LANES];
 
 /// Least and greatest coordinate per axis.
 type Bounds = [[f64; 2]; 3];

@@ -298,6 +298,7 @@ mod tests {
             assert!((extent(&mesh) - extent(&template)).abs() < 3.0);
         }
     }
+
     #[test]
     fn the_page_and_the_tables_tell_everything() {
         let row = |half, seconds| Row {
