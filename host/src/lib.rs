@@ -51,6 +51,7 @@ pub mod glb;
 pub mod hdf5;
 #[cfg(feature = "full")]
 pub mod interchange;
+mod json;
 #[cfg(feature = "full")]
 pub mod kernel;
 pub mod landmarks;

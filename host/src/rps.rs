@@ -4,7 +4,8 @@
 mod old;
 
 use crate::error::{Error, Result};
-use crate::summary::{check_scene, parse_json, to_json};
+use crate::json;
+use crate::summary::check_scene;
 use onescan_core::light::{self, ModelLight};
 use onescan_core::scene::{Camera, Coefficients, ColorTransform, Light, MAX_RANK, Pose, Scene};
 use serde::{Deserialize, Serialize};
@@ -42,12 +43,12 @@ impl Rps {
     /// A later version, damaged JSON, and what a [`Scene`] cannot hold: an orthographic camera, no
     /// environment map, expressions, more than [`MAX_RANK`] coefficients.
     pub fn parse(text: &str) -> Result<Self> {
-        let Versioned { version } = parse_json(text)?;
+        let Versioned { version } = json::parse(text)?;
         let file: File = match version.as_str() {
-            VERSION => parse_json(text)?,
-            "V3.0" => parse_json::<old::V3>(text)?.into_v4()?,
-            "V2.0" => parse_json::<old::V2>(text)?.into_v4()?,
-            "" | "legacy" | "V1.0" => parse_json::<old::V1>(text)?.into_v4(),
+            VERSION => json::parse(text)?,
+            "V3.0" => json::parse::<old::V3>(text)?.into_v4()?,
+            "V2.0" => json::parse::<old::V2>(text)?.into_v4()?,
+            "" | "legacy" | "V1.0" => json::parse::<old::V1>(text)?.into_v4(),
             other => {
                 return Err(Error::new(format_args!(
                     "version: render parameters {other:?} are not read, only V1.0 to {VERSION}; \
@@ -66,7 +67,7 @@ impl Rps {
     /// A number that is not finite, naming the field.
     pub fn to_text(&self) -> Result<String> {
         let Scene { pose, camera, light, color, shape, albedo } = &self.scene;
-        to_json(&File {
+        json::to_text(&File {
             pose: PoseJson {
                 scaling: pose.scale,
                 translation: pose.translation,

@@ -1,11 +1,10 @@
 //! `fit.json` and `summary.json`: what a fit did and found, for programs and for `render --fit`.
 
 use crate::error::{Error, Result};
+use crate::json;
 use crate::photo::{Crop, MAX_SIDE};
 use onescan_core::scene::Scene;
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use std::path::Path;
 
 /// A number before and after the fit.
@@ -139,7 +138,7 @@ impl Summary {
     /// # Errors
     /// Damaged JSON, a missing field or one of another type (both named), numbers out of range.
     pub fn parse(text: &str) -> Result<Self> {
-        let summary: Self = parse_json(text)?;
+        let summary: Self = json::parse(text)?;
         check_scene(&summary.parameters)?;
         Ok(summary)
     }
@@ -149,7 +148,7 @@ impl Summary {
     /// # Errors
     /// A number that is not finite, naming the field.
     pub fn to_json(&self) -> Result<String> {
-        to_json(self)
+        json::to_text(self)
     }
 }
 
@@ -159,35 +158,13 @@ impl DemoSummary {
     /// # Errors
     /// A number that is not finite, naming the field.
     pub fn to_json(&self) -> Result<String> {
-        to_json(self)
+        json::to_text(self)
     }
-}
-
-/// Parses JSON; errors name the field, then line and column.
-pub(crate) fn parse_json<T: DeserializeOwned>(text: &str) -> Result<T> {
-    let mut json = serde_json::Deserializer::from_str(text);
-    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
-        // "." is the path of the document itself.
-        match e.path().to_string().as_str() {
-            "." => Error::new(e.inner()),
-            path => Error::new(format_args!("{path}: {}", e.inner())),
-        }
-    })?;
-    json.end().map_err(|e| Error::new(format_args!("after the end of the JSON: {e}")))?;
-    Ok(value)
-}
-
-/// Writes JSON for people, refusing numbers JSON cannot hold.
-pub(crate) fn to_json<T: Serialize>(value: &T) -> Result<String> {
-    check_finite(value)?;
-    let mut text = serde_json::to_string_pretty(value).map_err(Error::new)?;
-    text.push('\n');
-    Ok(text)
 }
 
 /// Whether a scene that came from a file can be drawn: numbers finite, sizes positive.
 pub(crate) fn check_scene(scene: &Scene) -> Result<()> {
-    check_finite(scene)?;
+    json::check_finite(scene)?;
     let camera = &scene.camera;
     let wrong = |field: &str, found: String, expected: &str| {
         Err(Error::new(format_args!("{field} is {found}, expected {expected}")))
@@ -210,34 +187,10 @@ pub(crate) fn check_scene(scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-/// Errors with the path of the first number that is infinite or NaN.
-fn check_finite<T: Serialize>(value: &T) -> Result<()> {
-    // serde_json turns exactly these numbers into null, and nothing of ours is optional.
-    fn null_in(value: &Value) -> Option<String> {
-        match value {
-            Value::Null => Some(String::new()),
-            Value::Array(items) => items
-                .iter()
-                .enumerate()
-                .find_map(|(i, item)| null_in(item).map(|path| format!("[{i}]{path}"))),
-            Value::Object(fields) => fields
-                .iter()
-                .find_map(|(name, item)| null_in(item).map(|path| format!(".{name}{path}"))),
-            _ => None,
-        }
-    }
-    match null_in(&serde_json::to_value(value).map_err(Error::new)?) {
-        None => Ok(()),
-        Some(path) => Err(Error::new(format_args!(
-            "{} is not a finite number (or too large for one)",
-            path.trim_start_matches('.')
-        ))),
-    }
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use serde_json::Value;
 
     pub(crate) fn example() -> Summary {
         let crop = Crop::around(&[[300.0, 200.0], [420.0, 330.0]], [800, 600], 2.2, 256).unwrap();

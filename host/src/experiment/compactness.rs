@@ -15,11 +15,11 @@ use super::faces::{identity_meshes, scan_meshes};
 use crate::decompose::{Progress, Truncation, decompose};
 use crate::demo;
 use crate::error::{Error, Result};
+use crate::json;
 use crate::kernel::{Axis, Kernel, Preset, Vertex};
 use crate::mesh::Mesh;
 use crate::metrics::{Curve, Estimate, Metrics, Options, Point, TestSet, measure};
 use crate::morphable::{Morphable, Process};
-use crate::summary::to_json;
 use crate::surface::Surface;
 use serde::Serialize;
 use std::path::Path;
@@ -138,7 +138,7 @@ impl Compactness {
     /// # Errors
     /// A number that is not finite, naming the field.
     pub fn to_json(&self) -> Result<String> {
-        to_json(self)
+        json::to_text(self)
     }
 
     /// What a reader of the numbers must know.

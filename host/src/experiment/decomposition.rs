@@ -5,12 +5,12 @@ use crate::decimate::decimate;
 use crate::decompose::{Progress, Truncation, decompose};
 use crate::demo;
 use crate::error::Result;
+use crate::json;
 use crate::kernel::{Axis, Kernel, Preset, Vertex, block, trace};
 use crate::mesh::Mesh;
 use crate::morphable::Process;
 use crate::nystrom::{self, nystrom};
 use crate::report::decomposition_report;
-use crate::summary::to_json;
 use onescan_core::rng::Rng;
 use serde::Serialize;
 use std::collections::HashMap;
@@ -219,7 +219,7 @@ impl Decompositions {
     /// # Errors
     /// A number that is not finite, naming the field.
     pub fn to_json(&self) -> Result<String> {
-        to_json(self)
+        json::to_text(self)
     }
 
     /// Both tables: headings, then rows.

@@ -3,7 +3,7 @@
 
 use super::{Dataset, Group, Node, Store, Values, missing};
 use crate::error::{Error, Result};
-use crate::summary::parse_json;
+use crate::json;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -57,7 +57,7 @@ impl JsonFile {
     /// # Errors
     /// When it is not JSON, or not of the schema.
     pub fn parse(text: &str) -> Result<Self> {
-        let file: Self = parse_json(text)?;
+        let file: Self = json::parse(text)?;
         if file.groups.contains_key(&file.root) {
             Ok(file)
         } else {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::interchange::{Format, lost, parse, to_bytes};
-use crate::summary::parse_json;
+use crate::json;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -106,7 +106,7 @@ fn a_3dmm_of_columns_of_any_length_deforms_the_same() {
 /// The example as JSON, with something changed.
 fn changed(change: impl FnOnce(&mut Edit)) -> Result<Import> {
     let bytes = to_bytes(&example(), Format::Hdf5Json).unwrap();
-    let mut edit = Edit(parse_json(std::str::from_utf8(&bytes).unwrap()).unwrap());
+    let mut edit = Edit(json::parse(std::str::from_utf8(&bytes).unwrap()).unwrap());
     change(&mut edit);
     parse(Format::Hdf5Json, edit.0.to_string().into_bytes())
 }

@@ -13,6 +13,7 @@ use crate::decompose::{Progress, Truncation};
 use crate::demo;
 use crate::error::{Error, Result};
 use crate::fit::{Control, Ending, Job};
+use crate::json;
 use crate::kernel::{Axis, Kernels};
 use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
@@ -22,7 +23,6 @@ use crate::picture::{Picture, WHITE, contact_sheet};
 use crate::render;
 use crate::report;
 use crate::rigid::Rigid;
-use crate::summary::to_json;
 use crate::tlms::Tlms;
 use animals::{Animal, Kind};
 use onescan_core::chain::Config;
@@ -237,7 +237,7 @@ impl Objects {
     /// # Errors
     /// A number that is not finite, naming the field.
     pub fn to_json(&self) -> Result<String> {
-        to_json(self)
+        json::to_text(self)
     }
 
     /// The figures, in Markdown.
