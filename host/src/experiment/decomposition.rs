@@ -1,6 +1,8 @@
 //! What exact components cost and gain beside sampled ones (Nyström), and how both grow with the
 //! mesh.
 
+mod page;
+
 use crate::decimate::decimate;
 use crate::decompose::{Progress, Truncation, decompose};
 use crate::demo;
@@ -10,7 +12,6 @@ use crate::kernel::{Axis, Kernel, Preset, Vertex, block, trace};
 use crate::mesh::Mesh;
 use crate::morphable::Process;
 use crate::nystrom::{self, nystrom};
-use crate::report::decomposition_report;
 use onescan_core::rng::Rng;
 use serde::Serialize;
 use std::collections::HashMap;
@@ -276,7 +277,7 @@ impl Decompositions {
     /// # Errors
     /// None.
     pub fn page(&self) -> Result<String> {
-        decomposition_report(self, &self.tables())
+        page::page(self, &self.tables())
     }
 }
 

@@ -161,16 +161,16 @@ pub(super) fn bars(description: &str, x_title: &str, values: &[f32]) -> Option<S
 
 /// One of several lines of a chart.
 #[cfg(feature = "full")]
-pub(super) struct Series {
+pub(crate) struct Series {
     /// `(x, y, half the height of the error bar)`, x rising, and positive.
-    pub(super) points: Vec<(f64, f64, f64)>,
+    pub(crate) points: Vec<(f64, f64, f64)>,
     /// Its colour: of the style sheet's `.series-N`.
-    pub(super) color: usize,
+    pub(crate) color: usize,
 }
 
 /// The x axis of [`curves`].
 #[cfg(feature = "full")]
-pub(super) enum Scale<'a> {
+pub(crate) enum Scale<'a> {
     /// From 0 to this.
     Linear(usize),
     /// With labels at these numbers, from the first to the last.
@@ -180,7 +180,7 @@ pub(super) enum Scale<'a> {
 /// Lines with dots and error bars; the y axis begins at 0. `level` is drawn as a dashed line
 /// across. `None` without a range of x, or without a positive value.
 #[cfg(feature = "full")]
-pub(super) fn curves(
+pub(crate) fn curves(
     description: &str,
     x_title: &str,
     scale: &Scale<'_>,

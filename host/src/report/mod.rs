@@ -1,17 +1,13 @@
 //! `report.html`: one self-contained page that shows a fit, or a whole demo, to a stranger.
 
-mod charts;
+pub(crate) mod charts;
 #[cfg(feature = "full")]
 mod measures;
-#[cfg(feature = "full")]
-mod scaling;
 mod tables;
-mod words;
+pub(crate) mod words;
 
 #[cfg(feature = "full")]
 pub use measures::{measures_report, measures_table};
-#[cfg(feature = "full")]
-pub use scaling::decomposition_report;
 
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;

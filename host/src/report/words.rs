@@ -4,7 +4,7 @@ use std::fmt;
 use std::fmt::Write as _;
 
 /// A string as HTML text or attribute value.
-pub(super) struct Escaped<'a>(pub(super) &'a str);
+pub(crate) struct Escaped<'a>(pub(crate) &'a str);
 
 impl fmt::Display for Escaped<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -1,10 +1,10 @@
 //! The page of what decompositions cost.
 
-use super::charts::{Scale, Series, curves};
-use super::words::Escaped;
-use super::{foot, head};
+use super::{Decompositions, Size};
 use crate::error::{Error, Result};
-use crate::experiment::decomposition::{Decompositions, Size};
+use crate::report::charts::{Scale, Series, curves};
+use crate::report::essay;
+use crate::report::words::Escaped;
 use std::fmt::{self, Write};
 
 /// Headings, then rows, each of cells.
@@ -22,22 +22,18 @@ const COSTS: [(&str, Value); 2] =
 ///
 /// # Errors
 /// None.
-pub fn decomposition_report(
-    result: &Decompositions,
-    [methods, sizes]: &[Table; 2],
-) -> Result<String> {
+pub(super) fn page(result: &Decompositions, [methods, sizes]: &[Table; 2]) -> Result<String> {
     let mut html = String::new();
-    page(&mut html, result, methods, sizes).map_err(Error::new)?;
-    Ok(html)
-}
-
-fn page(f: &mut String, result: &Decompositions, methods: &Table, sizes: &Table) -> fmt::Result {
-    head(
-        f,
+    body(&mut html, result, methods, sizes).map_err(Error::new)?;
+    essay(
         "What do exact components cost?",
         "The covariance decomposed over all vertices, beside Nyström’s method from a sample of \
          them; and how time and memory grow with the mesh.",
-    )?;
+        &html,
+    )
+}
+
+fn body(f: &mut String, result: &Decompositions, methods: &Table, sizes: &Table) -> fmt::Result {
     f.write_str("<section>\n<h2>199 + 199 components, by number of vertices</h2>\n<p>")?;
     f.write_str(
         "The face template, coarser and finer. None of these meshes is symmetric, which is the \
@@ -65,8 +61,7 @@ fn page(f: &mut String, result: &Decompositions, methods: &Table, sizes: &Table)
     )?;
     f.write_str("</p>\n")?;
     put(f, methods, 2)?;
-    f.write_str("</section>\n")?;
-    foot(f)
+    f.write_str("</section>\n")
 }
 
 /// A table whose first columns are names, not numbers.
