@@ -59,6 +59,18 @@ pub fn read(path: &Path) -> Result<Import> {
     }
 }
 
+/// Opens a model of any format as a `.3dmm`: of another program's only that remains which ours
+/// holds.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn open(path: &Path) -> Result<OwnedModel> {
+    if Format::of(path) == Format::ThreeDmm {
+        return OwnedModel::read(path);
+    }
+    read(path)?.model.to_model(i16::MAX).map_err(|e| Error::file(path, e))
+}
+
 /// Parses the bytes of a model in another program's format.
 ///
 /// # Errors

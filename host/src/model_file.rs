@@ -5,8 +5,6 @@
 use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
-#[cfg(feature = "full")]
-use crate::interchange::{self, Format};
 use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
 use onescan_core::basis::{LANES, padded};
@@ -56,17 +54,11 @@ impl OwnedModel {
         Self::from_bytes(&parts.to_bytes()?)
     }
 
-    /// Reads a model file: a `.3dmm`, or another program's by its extension (see
-    /// `interchange`), of which only that remains which a `.3dmm` holds.
+    /// Reads a `.3dmm` file.
     ///
     /// # Errors
     /// When the file cannot be read or is not a model; they name the file.
     pub fn read(path: &Path) -> Result<Self> {
-        #[cfg(feature = "full")]
-        if Format::of(path) != Format::ThreeDmm {
-            let model = interchange::read(path)?.model;
-            return model.to_model(i16::MAX).map_err(|e| Error::file(path, e));
-        }
         let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
         Self::from_bytes(&bytes).map_err(|e| Error::file(path, e))
     }

@@ -4,8 +4,7 @@ use super::{model_file, write_model};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::export::{ExportOptions, export};
-use onescan::interchange::Format;
-use onescan::model_file::OwnedModel;
+use onescan::interchange::{self, Format};
 use onescan::morphable::Morphable;
 use onescan::progress::Console;
 use std::path::PathBuf;
@@ -43,7 +42,7 @@ pub(super) struct Export {
 impl Export {
     pub(super) fn run(self, console: Console) -> Result<()> {
         model_file(&self.output)?;
-        let model = OwnedModel::read(&self.model)?;
+        let model = interchange::open(&self.model)?;
         let (rank, vertices, bits) = match (self.device, self.page) {
             (true, _) => (30, Some(960), 16),
             (_, true) => (50, None, 9),

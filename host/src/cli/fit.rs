@@ -7,7 +7,7 @@ use onescan::files::write_atomically;
 use onescan::fit::checkpoint::Save;
 use onescan::fit::output::{self, Names};
 use onescan::fit::{Control, Ending, Job};
-use onescan::model_file::OwnedModel;
+use onescan::interchange;
 use onescan::photo::{self, Crop};
 use onescan::progress::Console;
 use onescan::report;
@@ -98,7 +98,7 @@ fn at_least_one(text: &str) -> std::result::Result<f32, String> {
 impl Fit {
     pub(super) fn run(self, console: Console) -> Result<()> {
         output_directory(&self.output)?;
-        let file = OwnedModel::read(&self.model)?;
+        let file = interchange::open(&self.model)?;
         let model = file.view();
         let photo = photo::read(&self.image)?;
         let mut landmarks = Tlms::read(&self.landmarks)?;

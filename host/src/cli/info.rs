@@ -2,7 +2,7 @@
 
 use clap::Args;
 use onescan::error::Result;
-use onescan::model_file::OwnedModel;
+use onescan::interchange;
 use onescan::summary::hex;
 use onescan_core::basis::Basis;
 use serde_json::{Value, json};
@@ -22,7 +22,7 @@ pub(super) struct Info {
 
 impl Info {
     pub(super) fn run(self) -> Result<()> {
-        let file = OwnedModel::read(&self.model)?;
+        let file = interchange::open(&self.model)?;
         let model = file.view();
         if self.json {
             let landmarks: serde_json::Map<String, Value> =

@@ -4,7 +4,7 @@ use super::{output_directory, positive};
 use clap::Args;
 use onescan::error::Result;
 use onescan::files::write_atomically;
-use onescan::model_file::OwnedModel;
+use onescan::interchange;
 use onescan::picture::{WHITE, contact_sheet};
 use onescan::ply::{self, Encoding};
 use onescan::progress::Console;
@@ -34,7 +34,7 @@ pub(super) struct Modes {
 
 impl Modes {
     pub(super) fn run(self, console: Console) -> Result<()> {
-        let file = OwnedModel::read(&self.model)?;
+        let file = interchange::open(&self.model)?;
         let model = file.view();
         output_directory(&self.output)?;
         let scene = render::portrait(&model, [self.size; 2], self.yaw.to_radians(), 0.0);

@@ -3,7 +3,7 @@
 use super::{output_file, size};
 use clap::Args;
 use onescan::error::{Error, Result};
-use onescan::model_file::OwnedModel;
+use onescan::interchange;
 use onescan::progress::Console;
 use onescan::render;
 use onescan::rps::Rps;
@@ -48,7 +48,7 @@ fn degrees(text: &str) -> std::result::Result<f32, String> {
 impl Render {
     pub(super) fn run(self, console: Console) -> Result<()> {
         output_file(&self.output)?;
-        let file = OwnedModel::read(&self.model)?;
+        let file = interchange::open(&self.model)?;
         let model = file.view();
         let (yaw, pitch) = (self.yaw.to_radians(), self.pitch.to_radians());
         let fitted = if let Some(path) = &self.fit {

@@ -4,7 +4,7 @@ use super::output_directory;
 use clap::Args;
 use onescan::error::Result;
 use onescan::files::write_atomically;
-use onescan::model_file::OwnedModel;
+use onescan::interchange;
 use onescan::picture::contact_sheet;
 use onescan::ply::{self, Encoding};
 use onescan::progress::Console;
@@ -42,7 +42,7 @@ const SHOWN: usize = 48;
 
 impl Sample {
     pub(super) fn run(self, console: Console) -> Result<()> {
-        let file = OwnedModel::read(&self.model)?;
+        let file = interchange::open(&self.model)?;
         let model = file.view();
         output_directory(&self.output)?;
         let mut rng = Rng::new(self.seed, 0);
