@@ -7,6 +7,7 @@
 
 use crate::demo;
 use crate::error::{Error, Result};
+use crate::layout;
 use crate::model_file::OwnedModel;
 use crate::picture::Picture;
 use crate::render::{self, random_coefficients};
@@ -85,7 +86,7 @@ impl Workload {
         let covered = frame(&model, &mut scene)?;
 
         let mesh = render::instance(&model, &scene.shape, &scene.albedo);
-        let rigid = OwnedModel::rigid(&mesh, &demo::template()?.1)?;
+        let rigid = layout::rigid(&mesh, &demo::template()?.1)?;
         let seen =
             Scene { shape: Coefficients::new(), albedo: Coefficients::new(), ..scene.clone() };
         let (picture, landmarks) =

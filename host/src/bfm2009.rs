@@ -5,7 +5,8 @@
 
 use crate::error::{Error, Result};
 use crate::mat::{self, Array};
-use crate::morphable::{Import, Morphable, Process};
+use crate::morphable::{Import, Morphable};
+use crate::process::Process;
 use faer::Mat;
 
 /// Micrometres in a millimetre.

@@ -4,10 +4,12 @@ use crate::decompose::{Decomposition, Progress, Truncation, decompose};
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Kernels, Vertex};
 use crate::landmarks::Landmark;
+use crate::layout::ModelParts;
 use crate::mesh::Mesh;
-use crate::model_file::{Half, ModelParts, OwnedModel};
-use crate::morphable::{Morphable, Process};
+use crate::model_file::OwnedModel;
+use crate::morphable::Morphable;
 use crate::nystrom;
+use crate::process::{Half, Process};
 use onescan_core::rng::Rng;
 use std::fmt;
 use std::time::Instant;
@@ -63,7 +65,7 @@ impl Computed {
 
     fn into_process(self) -> Process {
         match self {
-            Self::Exact(mean, deviation) => Process::around(&mean, &deviation),
+            Self::Exact(mean, deviation) => deviation.around(&mean),
             Self::Sampled(process) => process,
         }
     }

@@ -5,8 +5,8 @@ use crate::decompose::{Progress, Truncation};
 use crate::error::{Error, Result};
 use crate::kernel::{Axis, Kernels};
 use crate::landmarks::{self, Landmark};
+use crate::layout;
 use crate::mesh::Mesh;
-use crate::model_file::OwnedModel;
 use crate::photo;
 use crate::picture::Picture;
 use crate::ply;
@@ -129,7 +129,7 @@ pub fn subjects(seed: u64) -> Result<Vec<Subject>> {
 fn rendered_identity(seed: u64) -> Result<(Picture, Tlms)> {
     let mesh = ply::parse(IDENTITY).map_err(Error::new)?;
     let (_, landmarks) = template()?;
-    let model = OwnedModel::rigid(&mesh, &landmarks)?;
+    let model = layout::rigid(&mesh, &landmarks)?;
     let mut rng = Rng::new(seed, 0x1d);
     let mut scene = Scene::initial(256, 256, 0, 0);
     scene.pose.yaw = 30_f32.to_radians();

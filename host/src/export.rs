@@ -4,7 +4,8 @@ use crate::decimate::decimate;
 use crate::error::{Error, Result};
 use crate::landmarks::Landmark;
 use crate::model_file::OwnedModel;
-use crate::morphable::{Morphable, Process};
+use crate::morphable::Morphable;
+use crate::process::Process;
 use std::fmt;
 
 /// What to leave.

@@ -56,6 +56,8 @@ mod json;
 pub mod kernel;
 pub mod landmarks;
 #[cfg(feature = "full")]
+pub mod layout;
+#[cfg(feature = "full")]
 pub mod mat;
 pub mod mesh;
 #[cfg(feature = "full")]
@@ -72,6 +74,8 @@ pub mod operate;
 pub mod photo;
 pub mod picture;
 pub mod ply;
+#[cfg(feature = "full")]
+pub mod process;
 #[cfg(feature = "full")]
 pub mod progress;
 pub mod render;

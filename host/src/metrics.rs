@@ -13,9 +13,10 @@
 
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::morphable::{Morphable, Process};
+use crate::morphable::Morphable;
 use crate::operate::columns;
 use crate::operate::project::ridge;
+use crate::process::Process;
 use crate::surface::Surface;
 use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use onescan_core::rng::Rng;

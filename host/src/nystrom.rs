@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Vertex, block, trace};
-use crate::morphable::Process;
+use crate::process::Process;
 use faer::{Mat, MatRef, Side};
 use onescan_core::rng::Rng;
 use rayon::prelude::*;

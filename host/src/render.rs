@@ -1,14 +1,15 @@
 //! Pictures and meshes of a model, in owned memory.
 
 use crate::error::{Error, Result};
+#[cfg(feature = "full")]
+use crate::layout;
 use crate::mesh::Mesh;
-use crate::model_file::OwnedModel;
 use crate::picture::Picture;
 use onescan_core::basis::{Basis, padded};
 use onescan_core::model::Model;
 use onescan_core::render;
 use onescan_core::rng::Rng;
-use onescan_core::scene::{Camera, Coefficients, Pose, Scene};
+use onescan_core::scene::{Camera, Pose, Scene};
 
 /// What stands behind a model drawn alone.
 pub const GROUND: [u8; 3] = [255; 3];
@@ -44,9 +45,12 @@ pub fn draw_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
 ///
 /// # Errors
 /// A mesh that breaks its guarantees.
+#[cfg(feature = "full")]
 pub fn draw_mesh(mesh: &Mesh, scene: &Scene, ground: [u8; 3]) -> Result<Picture> {
-    let rigid = OwnedModel::rigid(mesh, &[])?;
-    let scene = Scene { shape: Coefficients::new(), albedo: Coefficients::new(), ..scene.clone() };
+    let rigid = layout::rigid(mesh, &[])?;
+    let mut scene = scene.clone();
+    scene.shape.clear();
+    scene.albedo.clear();
     Ok(draw_on(&rigid.view(), &scene, ground))
 }
 

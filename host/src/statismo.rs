@@ -17,7 +17,8 @@
 use crate::error::{Error, Result};
 use crate::hdf5::{Group, Store, Values};
 use crate::landmarks::{self, Landmark, Point, Uncertainty};
-use crate::morphable::{Import, Morphable, Process};
+use crate::morphable::{Import, Morphable};
+use crate::process::Process;
 use faer::Mat;
 use std::collections::{BTreeMap, HashMap};
 

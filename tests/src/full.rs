@@ -4,8 +4,10 @@
 use onescan::demo::template;
 use onescan::error::{Error, Result};
 use onescan::fit::Observed;
-use onescan::model_file::{Deviation, Half, ModelParts, OwnedModel};
+use onescan::layout::ModelParts;
+use onescan::model_file::OwnedModel;
 use onescan::photo::{self, Crop};
+use onescan::process::{Deviation, Half};
 use onescan::tlms::{Landmark2, Tlms};
 use onescan_core::math::sin_cos;
 use onescan_core::rng::Rng;

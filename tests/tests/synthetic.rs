@@ -8,8 +8,8 @@
 use onescan::demo::{FIT_LANDMARKS, random_light, synthetic_photo, template, template_model};
 use onescan::experiment::faces::{Identity, identities};
 use onescan::fit::{Control, Ending, Fit, Job};
+use onescan::layout;
 use onescan::mesh::Mesh;
-use onescan::model_file::OwnedModel;
 use onescan::photo::Crop;
 use onescan::render;
 use onescan::rigid::Rigid;
@@ -101,7 +101,7 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize) -> Case {
         colors: identity.colors.clone(),
         triangles: template.triangles,
     };
-    let rigid = OwnedModel::rigid(&truth, &landmarks).unwrap();
+    let rigid = layout::rigid(&truth, &landmarks).unwrap();
     let mut rng = Rng::new(1000 + number as u64, 0);
     let mut scene = Scene::initial(256, 256, 0, 0);
     let side = if (number / YAWS.len()).is_multiple_of(2) { 1.0 } else { -1.0 };

@@ -20,8 +20,8 @@ mod tiles;
 
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Vertex, block, trace};
-use crate::model_file::Deviation;
-use faer::MatRef;
+use crate::process::{Deviation, Process};
+use faer::{Mat, MatRef};
 use krylov::Krylov;
 use operator::KEPT_BYTES;
 use rayon::prelude::*;
@@ -93,6 +93,21 @@ impl Decomposition {
     pub fn column(&self, k: usize) -> ([f64; 3], &[f64]) {
         let column = &self.columns[k];
         (column.direction, &self.vectors[column.vector])
+    }
+
+    /// The process of these deviations from a mean.
+    pub fn around(&self, mean: &[[f32; 3]]) -> Process {
+        let vertices = mean.len();
+        Process {
+            mean: mean.to_vec(),
+            basis: Mat::from_fn(3 * vertices, self.rank(), |row, k| {
+                let (direction, values) = self.column(k);
+                direction[row / vertices] * values[row % vertices]
+            }),
+            variances: self.variances.clone(),
+            noise: 0.0,
+            total_variance: self.total_variance,
+        }
     }
 }
 

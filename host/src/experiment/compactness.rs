@@ -19,7 +19,8 @@ use crate::json;
 use crate::kernel::{Axis, Kernel, Preset, Vertex};
 use crate::mesh::Mesh;
 use crate::metrics::{Curve, Estimate, Metrics, Options, Point, TestSet, measure};
-use crate::morphable::{Morphable, Process};
+use crate::morphable::Morphable;
+use crate::process::Process;
 use crate::surface::Surface;
 use serde::Serialize;
 use std::path::Path;
@@ -175,7 +176,7 @@ fn deviate(
     let vertices = Vertex::all(&mesh.points, &mesh.colors);
     let deviation =
         decompose(kernel, &vertices, Truncation::Rank(rank), &mut |done, _| progress(done))?;
-    Ok(Process::around(mean, &deviation))
+    Ok(deviation.around(mean))
 }
 
 fn morphable(mesh: &Mesh, shape: Process, albedo: Process) -> Morphable {

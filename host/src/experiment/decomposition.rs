@@ -10,8 +10,8 @@ use crate::error::Result;
 use crate::json;
 use crate::kernel::{Axis, Kernel, Preset, Vertex, block, trace};
 use crate::mesh::Mesh;
-use crate::morphable::Process;
 use crate::nystrom::{self, nystrom};
+use crate::process::Process;
 use onescan_core::rng::Rng;
 use serde::Serialize;
 use std::collections::HashMap;
@@ -91,7 +91,7 @@ pub fn run(largest: usize, progress: &mut Progress<'_>) -> Result<Decompositions
                 progress((done + part) / runs, &format!("{half}, {rank} components"));
             })?;
             let row = watch.stop(half, "exact".into());
-            let process = Process::around(&template.points, &found);
+            let process = found.around(&template.points);
             methods.push(row.of(&process, &kernel, &vertices));
             done += 1.0;
             for points in SAMPLED {

@@ -3,9 +3,8 @@
 use crate::decompose::{Progress, Truncation, decompose};
 use crate::error::{Error, Result};
 use crate::kernel::{Axis, Field, Hyper, KERNELS, Vertex};
+use crate::layout;
 use crate::mesh::Mesh;
-use crate::model_file::OwnedModel;
-use crate::morphable::Process;
 use crate::picture::{Picture, contact_sheet};
 use crate::render;
 use crate::report;
@@ -44,7 +43,7 @@ pub fn run(
     progress: &mut Progress<'_>,
 ) -> Result<Vec<Column>> {
     let vertices = Vertex::all(&scan.points, &scan.colors);
-    let template = OwnedModel::rigid(scan, &[])?;
+    let template = layout::rigid(scan, &[])?;
     let mut scene = render::portrait(&template.view(), [SIDE; 2], 0.0, 0.0);
     scene.light = ambient_white();
     let mut columns = Vec::new();
@@ -59,7 +58,7 @@ pub fn run(
                 );
             })?;
         let mean = if named.field == Field::Shape { &scan.points } else { &scan.colors };
-        let process = Process::around(mean, &deviation);
+        let process = deviation.around(mean);
         // The same coefficients for every kernel: what differs is the kernel.
         let mut rng = Rng::new(seed, 0);
         let pictures = (0..SAMPLES).map(|_| {

@@ -7,7 +7,8 @@
 
 use super::columns;
 use crate::error::{Error, Result};
-use crate::morphable::{Morphable, Process};
+use crate::morphable::Morphable;
+use crate::process::Process;
 use faer::Mat;
 
 impl Process {

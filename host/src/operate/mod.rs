@@ -44,7 +44,8 @@ pub fn with_line(provenance: &str, key: &str, value: &str) -> String {
 pub(crate) mod tests {
     use super::*;
     use crate::landmarks::Landmark;
-    use crate::morphable::{Morphable, Process};
+    use crate::morphable::Morphable;
+    use crate::process::Process;
     use onescan_core::rng::Rng;
 
     /// A process with random mean, random columns and falling variances.

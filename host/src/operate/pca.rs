@@ -7,7 +7,8 @@ use super::columns;
 use crate::error::{Error, Result};
 use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
-use crate::morphable::{Morphable, Process};
+use crate::morphable::Morphable;
+use crate::process::Process;
 
 impl Process {
     /// Mean and principal components of at least two fields over the same vertices: orthonormal,

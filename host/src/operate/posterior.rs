@@ -19,7 +19,8 @@
 
 use crate::error::{Error, Result};
 use crate::kernel::Matrix3;
-use crate::morphable::{Morphable, Process};
+use crate::morphable::Morphable;
+use crate::process::Process;
 use faer::Mat;
 
 /// Least variance of an error, mm² or squared colour: exact data are exact to a millionth.

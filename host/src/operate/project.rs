@@ -13,7 +13,8 @@
 use super::columns;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::morphable::{Morphable, Process};
+use crate::morphable::Morphable;
+use crate::process::Process;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 

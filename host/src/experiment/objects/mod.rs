@@ -16,6 +16,7 @@ use crate::fit::{Control, Ending, Job};
 use crate::json;
 use crate::kernel::{Axis, Kernels};
 use crate::landmarks::Landmark;
+use crate::layout;
 use crate::mesh::Mesh;
 use crate::model_file::OwnedModel;
 use crate::photo::Crop;
@@ -150,7 +151,7 @@ pub fn run(
 /// A picture of another animal, from the side.
 fn subject(kind: Kind, rng: &mut Rng) -> Result<Subject> {
     let animal = kind.specimen(rng);
-    let model = OwnedModel::rigid(&animal.mesh, &animal.landmarks)?;
+    let model = layout::rigid(&animal.mesh, &animal.landmarks)?;
     let model = model.view();
     let side = if rng.uniform() < 0.5 { -1.0 } else { 1.0 };
     let yaw = side * (75.0 + 30.0 * (rng.uniform() as f32 - 0.5)).to_radians();
