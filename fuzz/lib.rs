@@ -4,9 +4,9 @@
 use onescan::build::{BuildOptions, Method, build};
 use onescan::decompose::Truncation;
 use onescan::doctor::{Findings, mend};
-use onescan::kernel::{Axis, Kernels};
+use onescan::kernel::Kernels;
+use onescan::mesh::{Axis, Mesh};
 use onescan::landmarks::Landmark;
-use onescan::mesh::Mesh;
 use onescan::mesh_file::{self, Format, Options};
 use onescan::model_file::OwnedModel;
 use onescan::render;

@@ -3,10 +3,10 @@
 use crate::build::{BuildOptions, BuiltModel, Method, build};
 use crate::decompose::{Progress, Truncation};
 use crate::error::{Error, Result};
-use crate::kernel::{Axis, Kernels};
+use crate::kernel::Kernels;
 use crate::landmarks::{self, Landmark};
 use crate::layout;
-use crate::mesh::Mesh;
+use crate::mesh::{Axis, Mesh};
 use crate::photo;
 use crate::picture::Picture;
 use crate::ply;

@@ -1,6 +1,7 @@
 //! A coloured triangle mesh in memory.
 
 use std::collections::HashMap;
+use std::fmt;
 
 /// A triangle mesh with a colour per vertex.
 ///
@@ -14,6 +15,30 @@ pub struct Mesh {
     pub colors: Vec<[f32; 3]>,
     /// Corner indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+}
+
+/// A coordinate axis; as a mirror it names the plane through the origin normal to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// The plane x = 0: left and right of a face.
+    X,
+    /// The plane y = 0.
+    Y,
+    /// The plane z = 0.
+    Z,
+}
+
+impl Axis {
+    /// The coordinates a reflection along this axis negates.
+    pub fn negates(self) -> [bool; 3] {
+        std::array::from_fn(|i| i == self as usize)
+    }
+}
+
+impl fmt::Display for Axis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(["x", "y", "z"][*self as usize])
+    }
 }
 
 /// Which of the points each point equals, exactly, counted in order of first appearance; and

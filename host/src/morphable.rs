@@ -143,7 +143,8 @@ mod tests {
     use super::*;
     use crate::build::{BuildOptions, Method, build};
     use crate::decompose::Truncation;
-    use crate::kernel::{Axis, Kernels};
+    use crate::kernel::Kernels;
+    use crate::mesh::Axis;
 
     fn model() -> OwnedModel {
         let points: Vec<[f32; 3]> = (0..40)

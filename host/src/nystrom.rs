@@ -180,7 +180,8 @@ fn halves(kernel: &Kernel) -> Option<[&Kernel; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::{Axis, Preset};
+    use crate::kernel::Preset;
+    use crate::mesh::Axis;
 
     fn vertices() -> Vec<Vertex> {
         let position =

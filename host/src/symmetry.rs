@@ -2,8 +2,7 @@
 //! kernels mirror at these.
 
 use crate::error::{Error, Result};
-use crate::kernel::Axis;
-use crate::mesh::Mesh;
+use crate::mesh::{Axis, Mesh};
 use crate::surface::Surface;
 use faer::{Mat, Side};
 use std::f64::consts::PI;

@@ -2,8 +2,8 @@
 
 use faer::{Mat, Side};
 use onescan::decompose::{Decomposition, MAX_RESIDUAL, Truncation, decompose};
-use onescan::kernel::{Axis, Kernel, PRESETS, Preset, Vertex, mean_of, rbf, rgb_rbf};
-use onescan::mesh::Mesh;
+use onescan::kernel::{Kernel, PRESETS, Preset, Vertex, mean_of, rbf, rgb_rbf};
+use onescan::mesh::{Axis, Mesh};
 use onescan::ply;
 use proptest::prelude::*;
 use std::path::Path;

@@ -2,9 +2,9 @@
 
 use onescan::build::{BuildOptions, BuiltModel, Method, build};
 use onescan::decompose::Truncation;
-use onescan::kernel::{Axis, Kernels, Preset, Vertex};
+use onescan::kernel::{Kernels, Preset, Vertex};
 use onescan::landmarks;
-use onescan::mesh::Mesh;
+use onescan::mesh::{Axis, Mesh};
 use onescan::model_file::OwnedModel;
 use onescan::ply;
 use std::path::{Path, PathBuf};

@@ -365,7 +365,8 @@ fn leading_sign(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::{Axis, Preset};
+    use crate::kernel::Preset;
+    use crate::mesh::Axis;
 
     #[test]
     fn large_meshes_decompose_like_small_ones() {

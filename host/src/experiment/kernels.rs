@@ -2,9 +2,9 @@
 
 use crate::decompose::{Progress, Truncation, decompose};
 use crate::error::{Error, Result};
-use crate::kernel::{Axis, Field, Hyper, KERNELS, Vertex};
+use crate::kernel::{Field, Hyper, KERNELS, Vertex};
 use crate::layout;
-use crate::mesh::Mesh;
+use crate::mesh::{Axis, Mesh};
 use crate::picture::{Picture, contact_sheet};
 use crate::render;
 use crate::report;

@@ -9,8 +9,9 @@
 //! gaussian = ("rbf" | "rgb_rbf") "(" number ")"
 //! ```
 
-use super::{Axis, Gaussian, Kernel, Scalar, Space};
+use super::{Gaussian, Kernel, Scalar, Space};
 use crate::error::{Error, Result};
+use crate::mesh::Axis;
 use std::str::FromStr;
 
 /// Brackets within brackets that a kernel may have.

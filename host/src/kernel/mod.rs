@@ -13,6 +13,7 @@ mod preset;
 
 pub use preset::{Field, Hyper, KERNELS, Kernels, Named, PRESETS, Preset};
 
+use crate::mesh::Axis;
 use std::fmt;
 use std::ops::{Add, Mul};
 
@@ -35,30 +36,6 @@ pub enum Space {
     Position,
     /// Euclidean distance of colours taken as points of `[0, 1]³`.
     Color,
-}
-
-/// A coordinate axis; as a mirror it names the plane through the origin normal to it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Axis {
-    /// The plane x = 0: left and right of a face.
-    X,
-    /// The plane y = 0.
-    Y,
-    /// The plane z = 0.
-    Z,
-}
-
-impl Axis {
-    /// The coordinates a reflection along this axis negates.
-    fn negates(self) -> [bool; 3] {
-        std::array::from_fn(|i| i == self as usize)
-    }
-}
-
-impl fmt::Display for Axis {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(["x", "y", "z"][*self as usize])
-    }
 }
 
 /// One Gaussian of a scalar kernel: `weight·exp(−r²/sigma²)`.

@@ -1,7 +1,8 @@
 //! The paper's kernels and models, as tables; kernels of a file.
 
-use super::{Axis, Kernel, mean_of, rbf, rgb_rbf};
+use super::{Kernel, mean_of, rbf, rgb_rbf};
 use crate::error::{Error, Result};
+use crate::mesh::Axis;
 use serde::Deserialize;
 use std::path::Path;
 
