@@ -6,7 +6,7 @@ use onescan::decompose::Truncation;
 use onescan::doctor::{Findings, mend};
 use onescan::kernel::Kernels;
 use onescan::mesh::{Axis, Mesh};
-use onescan::landmarks::Landmark;
+use onescan::mesh::landmarks::Landmark;
 use onescan::mesh_file::{self, Format, Options};
 use onescan::model_file::OwnedModel;
 use onescan::render;

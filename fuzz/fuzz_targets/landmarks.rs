@@ -1,7 +1,7 @@
 //! Landmarks of a scan name vertices of it, each name once.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use onescan::landmarks;
+use onescan::mesh::landmarks;
 
 fuzz_target!(|data: &str| {
     let _ = (landmarks::parse_lines(data), landmarks::uncertainties(data));

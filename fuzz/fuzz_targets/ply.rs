@@ -1,7 +1,7 @@
 //! A PLY file that is read is a mesh; everything else is an error.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use onescan::ply::{self, Encoding};
+use onescan::mesh::ply::{self, Encoding};
 
 fuzz_target!(|data: &[u8]| {
     let Ok(mesh) = ply::parse(data) else { return };

@@ -3,9 +3,9 @@
 use crate::decompose::{Decomposition, Progress, Truncation, decompose};
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Kernels, Vertex};
-use crate::landmarks::Landmark;
 use crate::layout::ModelParts;
 use crate::mesh::Mesh;
+use crate::mesh::landmarks::Landmark;
 use crate::model_file::OwnedModel;
 use crate::morphable::Morphable;
 use crate::nystrom;

@@ -2,7 +2,7 @@
 
 use crate::decimate::decimate;
 use crate::error::{Error, Result};
-use crate::landmarks::Landmark;
+use crate::mesh::landmarks::Landmark;
 use crate::model_file::OwnedModel;
 use crate::morphable::Morphable;
 use crate::process::Process;

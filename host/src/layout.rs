@@ -3,8 +3,8 @@
 //! The layout is documented with its reader, [`onescan_core::model`].
 
 use crate::error::{Error, Result};
-use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
+use crate::mesh::landmarks::Landmark;
 use crate::model_file::OwnedModel;
 use crate::process::{Deviation, Half};
 use onescan_core::basis::{LANES, padded};

@@ -6,7 +6,8 @@
 //! | step | room |
 //! |---|---|
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`nystrom`], [`build`], [`model_file`] |
-//! | scan → mesh | [`mesh_file`], [`ply`], [`mesh`], [`landmarks`], [`symmetry`] |
+//! | meshes, landmarks, PLY and glTF out | [`mesh`] |
+//! | scan → mesh | [`mesh_file`], [`symmetry`] |
 //! | mesh → mended mesh | [`doctor`] |
 //! | model → smaller model | [`export`], [`decimate`] |
 //! | model → double precision, models of models | [`morphable`], [`operate`] |
@@ -16,7 +17,7 @@
 //! | the paper's experiments | [`experiment`] |
 //! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
 //! | model + picture → fitted scene | [`fit`] |
-//! | scene → pictures, meshes, reports | [`render`], [`glb`], [`rps`], [`summary`], [`report`] |
+//! | scene → pictures, meshes, reports | [`render`], [`rps`], [`summary`], [`report`] |
 //! | the demo, the benchmark | [`demo`], [`mod@bench`] |
 //! | the core's stages for wide vectors | [`simd`] |
 //! | files, errors, progress | [`files`], [`error`], [`progress`] |
@@ -46,7 +47,6 @@ pub mod export;
 #[cfg(feature = "full")]
 pub mod files;
 pub mod fit;
-pub mod glb;
 #[cfg(feature = "full")]
 pub mod hdf5;
 #[cfg(feature = "full")]
@@ -54,7 +54,6 @@ pub mod interchange;
 mod json;
 #[cfg(feature = "full")]
 pub mod kernel;
-pub mod landmarks;
 #[cfg(feature = "full")]
 pub mod layout;
 #[cfg(feature = "full")]
@@ -73,7 +72,6 @@ pub mod nystrom;
 pub mod operate;
 pub mod photo;
 pub mod picture;
-pub mod ply;
 #[cfg(feature = "full")]
 pub mod process;
 #[cfg(feature = "full")]

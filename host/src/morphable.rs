@@ -4,9 +4,9 @@
 //! A `.3dmm` file keeps 16-bit entries for a fast fit; here a model is a mean and a matrix.
 
 use crate::error::Result;
-use crate::landmarks::{Landmark, Uncertainty};
 use crate::layout::ModelParts;
 use crate::mesh::Mesh;
+use crate::mesh::landmarks::{Landmark, Uncertainty};
 use crate::model_file::OwnedModel;
 use crate::process::{Half, Process};
 use onescan_core::model::Model;

@@ -16,7 +16,7 @@
 
 use crate::error::{Error, Result};
 use crate::hdf5::{Group, Store, Values};
-use crate::landmarks::{self, Landmark, Point, Uncertainty};
+use crate::mesh::landmarks::{self, Landmark, Point, Uncertainty};
 use crate::morphable::{Import, Morphable};
 use crate::process::Process;
 use faer::Mat;

@@ -3,8 +3,8 @@
 use faer::{Mat, Side};
 use onescan::decompose::{Decomposition, MAX_RESIDUAL, Truncation, decompose};
 use onescan::kernel::{Kernel, PRESETS, Preset, Vertex, mean_of, rbf, rgb_rbf};
+use onescan::mesh::ply;
 use onescan::mesh::{Axis, Mesh};
-use onescan::ply;
 use proptest::prelude::*;
 use std::path::Path;
 

@@ -3,10 +3,10 @@
 use onescan::build::{BuildOptions, BuiltModel, Method, build};
 use onescan::decompose::Truncation;
 use onescan::kernel::{Kernels, Preset, Vertex};
-use onescan::landmarks;
+use onescan::mesh::landmarks;
+use onescan::mesh::ply;
 use onescan::mesh::{Axis, Mesh};
 use onescan::model_file::OwnedModel;
-use onescan::ply;
 use std::path::{Path, PathBuf};
 
 fn fixture(name: &str) -> PathBuf {

@@ -1,7 +1,7 @@
 //! A small mesh with the shape, colours and landmarks of a large one.
 
-use onescan::landmarks::Landmark;
 use onescan::mesh::Mesh;
+use onescan::mesh::landmarks::Landmark;
 use std::collections::HashSet;
 
 /// Clusters the vertices: the landmarks, then every vertex in order that is at least `spacing`

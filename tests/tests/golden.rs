@@ -2,7 +2,7 @@
 //! `cargo xtask golden` writes what this compares.
 
 use onescan::demo::template;
-use onescan::ply::{self, Encoding};
+use onescan::mesh::ply::{self, Encoding};
 use onescan::{photo, picture};
 use onescan_tests::coarse::coarse;
 use onescan_tests::full;

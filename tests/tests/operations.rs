@@ -1,6 +1,7 @@
 //! Models of models, by the command: what was learnt from samples of a model is that model again.
 
-use onescan::{photo, ply};
+use onescan::mesh::ply;
+use onescan::photo;
 use onescan_tests::program::Onescan;
 use serde_json::Value;
 use std::fs;

@@ -1,7 +1,8 @@
 //! Scan to model to fit with the real program, and the promise that the same input gives the
 //! same bits.
 
-use onescan::{photo, ply};
+use onescan::mesh::ply;
+use onescan::photo;
 use onescan_tests::program::{Onescan, fingerprint, fixtures, json};
 use serde_json::Value;
 use std::fmt::Write;

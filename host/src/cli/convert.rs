@@ -4,7 +4,7 @@ use super::{model_file, read_model, write_model};
 use clap::Args;
 use onescan::error::Result;
 use onescan::interchange;
-use onescan::landmarks;
+use onescan::mesh::landmarks;
 use onescan::progress::Console;
 use std::path::PathBuf;
 

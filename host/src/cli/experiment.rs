@@ -6,11 +6,13 @@ use onescan::error::{Error, Result};
 use onescan::experiment::objects::animals::{Animal, Kind};
 use onescan::experiment::{compactness, decomposition, kernels, objects};
 use onescan::files::write_atomically;
-use onescan::landmarks::Landmark;
 use onescan::mesh::Axis;
+use onescan::mesh::landmarks;
+use onescan::mesh::landmarks::Landmark;
+use onescan::mesh::ply;
 use onescan::metrics::Options;
 use onescan::progress::Console;
-use onescan::{demo, landmarks, mesh_file, ply, report};
+use onescan::{demo, mesh_file, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -7,7 +7,7 @@ use onescan::doctor::{Findings, mend};
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::mesh::Mesh;
-use onescan::ply::{self, Encoding};
+use onescan::mesh::ply::{self, Encoding};
 use onescan::progress::Console;
 use serde_json::json;
 use std::path::PathBuf;

@@ -20,8 +20,8 @@ use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::interchange::{self, Format};
 use onescan::mesh::Mesh;
+use onescan::mesh::ply;
 use onescan::morphable::{Import, Morphable};
-use onescan::ply;
 use onescan::progress::Console;
 use std::path::{Path, PathBuf};
 

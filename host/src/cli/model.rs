@@ -4,11 +4,11 @@ use super::{file_name, meshes, model_file, output_file, positive, read_model, wr
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
-use onescan::landmarks::{self, Point};
+use onescan::mesh::landmarks::{self, Point};
+use onescan::mesh::ply::{self, Encoding};
 use onescan::morphable::Morphable;
 use onescan::operate::posterior::Observation;
 use onescan::operate::with_line;
-use onescan::ply::{self, Encoding};
 use onescan::process::Process;
 use onescan::progress::Console;
 use serde_json::json;

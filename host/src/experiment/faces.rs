@@ -22,7 +22,7 @@
 use crate::demo;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::ply;
+use crate::mesh::ply;
 use crate::rigid::Rigid;
 use crate::surface::Surface;
 use flate2::read::ZlibDecoder;

@@ -5,12 +5,13 @@ use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
 use crate::mesh::Mesh;
+use crate::mesh::glb;
+use crate::mesh::ply::{self, Encoding};
 use crate::photo::Crop;
 use crate::picture::{self, Picture};
-use crate::ply::{self, Encoding};
+use crate::render;
 use crate::rps::Rps;
 use crate::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};
-use crate::{glb, render};
 use onescan_core::chain::{self, Config};
 use onescan_core::model::Model;
 use onescan_core::scene::Scene;

@@ -6,7 +6,7 @@
 use super::paint::{self, Paint, Wrap};
 use super::{Options, Rough};
 use crate::error::{Error, Result};
-use crate::glb;
+use crate::mesh::glb;
 use crate::mesh::weld;
 use crate::photo;
 use crate::picture::Picture;

@@ -13,7 +13,7 @@ pub use frame::{Direction, Frame};
 
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::ply;
+use crate::mesh::ply;
 use paint::{Paint, Wrap};
 use std::path::{Path, PathBuf};
 

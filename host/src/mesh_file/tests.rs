@@ -1,7 +1,7 @@
 use super::*;
 use crate::demo;
 use crate::doctor::Findings;
-use crate::glb;
+use crate::mesh::glb;
 use crate::picture::Picture;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

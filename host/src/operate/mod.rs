@@ -43,7 +43,7 @@ pub fn with_line(provenance: &str, key: &str, value: &str) -> String {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::landmarks::Landmark;
+    use crate::mesh::landmarks::Landmark;
     use crate::morphable::Morphable;
     use crate::process::Process;
     use onescan_core::rng::Rng;

@@ -5,8 +5,8 @@
 
 use super::columns;
 use crate::error::{Error, Result};
-use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
+use crate::mesh::landmarks::Landmark;
 use crate::morphable::Morphable;
 use crate::process::Process;
 

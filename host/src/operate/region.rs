@@ -1,7 +1,7 @@
 //! The model of a part of the surface.
 
 use crate::error::{Error, Result};
-use crate::landmarks::Landmark;
+use crate::mesh::landmarks::Landmark;
 use crate::morphable::Morphable;
 
 impl Morphable {

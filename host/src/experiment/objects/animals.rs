@@ -1,8 +1,8 @@
 //! A fish and a bird of [`solid`](super::solid)s: the templates, and others of their kind.
 
 use super::solid::{Part, Solid};
-use crate::landmarks::Landmark;
 use crate::mesh::Mesh;
+use crate::mesh::landmarks::Landmark;
 use onescan_core::rng::Rng;
 
 /// Distance of the grid's points, millimetres.
@@ -232,7 +232,8 @@ impl Kind {
 mod tests {
     use super::*;
     use crate::doctor::Findings;
-    use crate::{landmarks, ply};
+    use crate::mesh::landmarks;
+    use crate::mesh::ply;
     use std::path::Path;
 
     /// `onescan experiment fish --template -o fixtures/fish` writes them anew.

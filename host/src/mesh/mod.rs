@@ -1,4 +1,8 @@
-//! A coloured triangle mesh in memory.
+//! Coloured triangle meshes in memory; beside them landmarks, PLY, and glTF out.
+
+pub mod glb;
+pub mod landmarks;
+pub mod ply;
 
 use std::collections::HashMap;
 use std::fmt;
