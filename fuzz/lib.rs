@@ -3,11 +3,11 @@
 
 use onescan::build::{BuildOptions, Method, build};
 use onescan::decompose::Truncation;
-use onescan::doctor::{Findings, mend};
+use onescan::scan::doctor::{Findings, mend};
 use onescan::kernel::Kernels;
 use onescan::mesh::{Axis, Mesh};
 use onescan::mesh::landmarks::Landmark;
-use onescan::mesh_file::{self, Format, Options};
+use onescan::scan::mesh_file::{self, Format, Options};
 use onescan::model_file::OwnedModel;
 use onescan::render;
 use onescan_core::scene::Scene;

@@ -2,6 +2,6 @@
 //! error.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use onescan::mesh_file::Format;
+use onescan::scan::mesh_file::Format;
 
 fuzz_target!(|data: &[u8]| onescan_fuzz::mesh(data, Format::Gltf));

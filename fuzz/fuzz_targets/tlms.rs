@@ -2,7 +2,7 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
 use onescan::photo::Crop;
-use onescan::tlms::Tlms;
+use onescan::photo::tlms::Tlms;
 
 fuzz_target!(|data: &str| {
     let _ = Tlms::parse_pts(data);

@@ -1,11 +1,11 @@
 //! Smaller models of the same thing: fewer components, fewer vertices, fewer bits.
 
-use crate::decimate::decimate;
 use crate::error::{Error, Result};
 use crate::mesh::landmarks::Landmark;
 use crate::model_file::OwnedModel;
 use crate::morphable::Morphable;
 use crate::process::Process;
+use crate::scan::decimate::decimate;
 use std::fmt;
 
 /// What to leave.

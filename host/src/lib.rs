@@ -7,15 +7,14 @@
 //! |---|---|
 //! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`nystrom`], [`build`], [`model_file`] |
 //! | meshes, landmarks, PLY and glTF out | [`mesh`] |
-//! | scan → mesh | [`mesh_file`], [`symmetry`] |
-//! | mesh → mended mesh | [`doctor`] |
-//! | model → smaller model | [`export`], [`decimate`] |
+//! | scan → mesh; mended, simplified, compared | [`scan`] |
+//! | model → smaller model | [`export`] |
 //! | model → double precision, models of models | [`morphable`], [`operate`] |
 //! | model ↔ other programs' files | [`interchange`], [`statismo`], [`bfm2009`] |
 //! | the formats below those | [`mod@hdf5`], [`mat`] |
-//! | how good a model is | [`metrics`], [`surface`], [`rigid`] |
+//! | how good a model is | [`metrics`] |
 //! | the paper's experiments | [`experiment`] |
-//! | photo → picture a fit looks at | [`photo`], [`picture`], [`tlms`] |
+//! | photo → picture a fit looks at | [`photo`] |
 //! | model + picture → fitted scene | [`fit`] |
 //! | scene → pictures, meshes, reports | [`render`], [`rps`], [`summary`], [`report`] |
 //! | the demo, the benchmark | [`demo`], [`mod@bench`] |
@@ -32,13 +31,9 @@ pub mod bfm2009;
 #[cfg(feature = "full")]
 pub mod build;
 #[cfg(feature = "full")]
-pub mod decimate;
-#[cfg(feature = "full")]
 pub mod decompose;
 #[cfg(feature = "full")]
 pub mod demo;
-#[cfg(feature = "full")]
-pub mod doctor;
 pub mod error;
 #[cfg(feature = "full")]
 pub mod experiment;
@@ -60,8 +55,6 @@ pub mod layout;
 pub mod mat;
 pub mod mesh;
 #[cfg(feature = "full")]
-pub mod mesh_file;
-#[cfg(feature = "full")]
 pub mod metrics;
 pub mod model_file;
 #[cfg(feature = "full")]
@@ -71,23 +64,17 @@ pub mod nystrom;
 #[cfg(feature = "full")]
 pub mod operate;
 pub mod photo;
-pub mod picture;
 #[cfg(feature = "full")]
 pub mod process;
 #[cfg(feature = "full")]
 pub mod progress;
 pub mod render;
 pub mod report;
-#[cfg(feature = "full")]
-pub mod rigid;
 pub mod rps;
+#[cfg(feature = "full")]
+pub mod scan;
 #[cfg(feature = "full")]
 pub mod simd;
 #[cfg(feature = "full")]
 pub mod statismo;
 pub mod summary;
-#[cfg(feature = "full")]
-pub mod surface;
-#[cfg(feature = "full")]
-pub mod symmetry;
-pub mod tlms;

@@ -17,7 +17,7 @@ use crate::morphable::Morphable;
 use crate::operate::columns;
 use crate::operate::project::ridge;
 use crate::process::Process;
-use crate::surface::Surface;
+use crate::scan::surface::Surface;
 use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use onescan_core::rng::Rng;
 use rayon::prelude::*;

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::layout;
 use crate::mesh::Mesh;
-use crate::picture::Picture;
+use crate::photo::picture::Picture;
 use onescan_core::basis::{Basis, padded};
 use onescan_core::model::Model;
 use onescan_core::render;

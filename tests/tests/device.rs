@@ -3,10 +3,10 @@
 
 use onescan::demo::template_model;
 use onescan::export::{ExportOptions, export};
+use onescan::photo::picture::Picture;
+use onescan::photo::tlms::{Landmark2, Tlms};
 use onescan::photo::{self, Crop};
-use onescan::picture::Picture;
 use onescan::simd;
-use onescan::tlms::{Landmark2, Tlms};
 use onescan_case::{RANK, SIDE, STAGES, WORDS, fit, picture, stages, write_golden};
 use onescan_tests::program::fixtures;
 use std::fs;

@@ -12,7 +12,7 @@ use onescan::layout;
 use onescan::mesh::Mesh;
 use onescan::photo::Crop;
 use onescan::render;
-use onescan::rigid::Rigid;
+use onescan::scan::rigid::Rigid;
 use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;

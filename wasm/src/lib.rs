@@ -9,7 +9,7 @@ mod viewer;
 use onescan::error::{Error, Result};
 use onescan::model_file::OwnedModel;
 use onescan::photo;
-use onescan::picture::Picture;
+use onescan::photo::picture::Picture;
 use onescan_core::model::Model as View;
 use self_cell::self_cell;
 use std::rc::Rc;

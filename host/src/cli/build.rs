@@ -11,7 +11,7 @@ use onescan::kernel::{Hyper, Kernels, PRESETS, Preset};
 use onescan::mesh::Axis;
 use onescan::mesh::landmarks;
 use onescan::progress::Console;
-use onescan::symmetry::{self, Plane, Symmetry};
+use onescan::scan::symmetry::{self, Plane, Symmetry};
 use std::path::PathBuf;
 
 /// Build a model from one coloured scan.

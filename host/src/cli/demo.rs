@@ -9,7 +9,7 @@ use onescan::files::write_atomically;
 use onescan::fit::output::{self, Finished, Names};
 use onescan::fit::{Ending, Job};
 use onescan::photo::Crop;
-use onescan::picture::{Picture, contact_sheet};
+use onescan::photo::picture::{Picture, contact_sheet};
 use onescan::progress::Console;
 use onescan::summary::DemoSummary;
 use onescan::{render, report};

@@ -12,7 +12,8 @@ use onescan::mesh::landmarks::Landmark;
 use onescan::mesh::ply;
 use onescan::metrics::Options;
 use onescan::progress::Console;
-use onescan::{demo, mesh_file, report};
+use onescan::scan::mesh_file;
+use onescan::{demo, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

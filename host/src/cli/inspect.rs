@@ -3,12 +3,12 @@
 use super::output_file;
 use super::scan::Scan;
 use clap::Args;
-use onescan::doctor::{Findings, mend};
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::mesh::Mesh;
 use onescan::mesh::ply::{self, Encoding};
 use onescan::progress::Console;
+use onescan::scan::doctor::{Findings, mend};
 use serde_json::json;
 use std::path::PathBuf;
 

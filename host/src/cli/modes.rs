@@ -6,7 +6,7 @@ use onescan::error::Result;
 use onescan::files::write_atomically;
 use onescan::interchange;
 use onescan::mesh::ply::{self, Encoding};
-use onescan::picture::{WHITE, contact_sheet};
+use onescan::photo::picture::{WHITE, contact_sheet};
 use onescan::progress::Console;
 use onescan::render;
 use std::path::PathBuf;

@@ -6,7 +6,7 @@ use onescan::error::Result;
 use onescan::files::write_atomically;
 use onescan::interchange;
 use onescan::mesh::ply::{self, Encoding};
-use onescan::picture::contact_sheet;
+use onescan::photo::picture::contact_sheet;
 use onescan::progress::Console;
 use onescan::render;
 use onescan_core::rng::Rng;

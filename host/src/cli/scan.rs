@@ -3,7 +3,7 @@
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::mesh::Mesh;
-use onescan::mesh_file::{self, Direction, Frame, Options};
+use onescan::scan::mesh_file::{self, Direction, Frame, Options};
 use std::path::PathBuf;
 
 /// A scan, and how to read it.

@@ -21,7 +21,7 @@ use crate::mesh::{Axis, Mesh};
 use crate::metrics::{Curve, Estimate, Metrics, Options, Point, TestSet, measure};
 use crate::morphable::Morphable;
 use crate::process::Process;
-use crate::surface::Surface;
+use crate::scan::surface::Surface;
 use serde::Serialize;
 use std::path::Path;
 

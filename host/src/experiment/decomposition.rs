@@ -3,7 +3,6 @@
 
 mod page;
 
-use crate::decimate::decimate;
 use crate::decompose::{Progress, Truncation, decompose};
 use crate::demo;
 use crate::error::Result;
@@ -12,6 +11,7 @@ use crate::kernel::{Kernel, Preset, Vertex, block, trace};
 use crate::mesh::{Axis, Mesh};
 use crate::nystrom::{self, nystrom};
 use crate::process::Process;
+use crate::scan::decimate::decimate;
 use onescan_core::rng::Rng;
 use serde::Serialize;
 use std::collections::HashMap;

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::kernel::{Field, Hyper, KERNELS, Vertex};
 use crate::layout;
 use crate::mesh::{Axis, Mesh};
-use crate::picture::{Picture, contact_sheet};
+use crate::photo::picture::{Picture, contact_sheet};
 use crate::render;
 use crate::report;
 use onescan_core::light::ambient_white;

@@ -7,8 +7,8 @@ mod parallel;
 
 use crate::error::{Error, Result};
 use crate::photo::Crop;
-use crate::picture::Picture;
-use crate::tlms::Tlms;
+use crate::photo::picture::Picture;
+use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
 
 use onescan_core::chain::{

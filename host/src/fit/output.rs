@@ -8,7 +8,7 @@ use crate::mesh::Mesh;
 use crate::mesh::glb;
 use crate::mesh::ply::{self, Encoding};
 use crate::photo::Crop;
-use crate::picture::{self, Picture};
+use crate::photo::picture::{self, Picture};
 use crate::render;
 use crate::rps::Rps;
 use crate::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};

@@ -11,7 +11,7 @@ pub use measures::{measures_report, measures_table};
 
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;
-use crate::picture::Picture;
+use crate::photo::picture::Picture;
 use crate::summary::{Proposal, Stage, Summary};
 use onescan_core::scene::Scene;
 use std::fmt::{self, Write};

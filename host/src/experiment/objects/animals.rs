@@ -231,9 +231,9 @@ impl Kind {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doctor::Findings;
     use crate::mesh::landmarks;
     use crate::mesh::ply;
+    use crate::scan::doctor::Findings;
     use std::path::Path;
 
     /// `onescan experiment fish --template -o fixtures/fish` writes them anew.

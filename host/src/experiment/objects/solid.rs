@@ -202,7 +202,7 @@ fn separate(values: &mut HashMap<Cell, f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doctor::Findings;
+    use crate::scan::doctor::Findings;
 
     #[test]
     fn a_ball_is_round_closed_and_symmetric() {

@@ -1,8 +1,8 @@
 use super::*;
 use crate::demo;
-use crate::doctor::Findings;
 use crate::mesh::glb;
-use crate::picture::Picture;
+use crate::photo::picture::Picture;
+use crate::scan::doctor::Findings;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use proptest::prelude::*;
@@ -411,7 +411,7 @@ proptest! {
             prop_assert_eq!(mesh.points.len(), mesh.colors.len());
             prop_assert!(mesh.triangles.as_flattened().iter().all(|&v| (v as usize) < mesh.points.len()));
             Findings::of(&mesh, 1.0);
-            crate::doctor::mend(&mesh, true);
+            crate::scan::doctor::mend(&mesh, true);
         }
     }
 }

@@ -6,7 +6,7 @@
 use super::paint::{self, Paint, Wrap};
 use super::{Options, Rough};
 use crate::error::{Error, Result};
-use crate::picture::Picture;
+use crate::photo::picture::Picture;
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::str::SplitWhitespace;

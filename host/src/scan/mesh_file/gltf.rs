@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::mesh::glb;
 use crate::mesh::weld;
 use crate::photo;
-use crate::picture::Picture;
+use crate::photo::picture::Picture;
 use ::gltf::accessor::{DataType, Dimensions};
 use ::gltf::json::Root;
 use ::gltf::mesh::Mode;

@@ -1,10 +1,13 @@
 //! Photos: reading PNG and JPEG, cutting out the part a fit looks at, and mapping back.
 
+pub mod picture;
+pub mod tlms;
+
 use crate::error::{Error, Result};
-use crate::picture::Picture;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use onescan_core::scene::Camera;
+use picture::Picture;
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 use std::path::Path;

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::photo;
-use crate::picture::Picture;
+use crate::photo::picture::Picture;
 use std::path::Path;
 
 /// The mean colour of all corners at each vertex: what joins a texture's seams.

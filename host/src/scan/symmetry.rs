@@ -3,7 +3,7 @@
 
 use crate::error::{Error, Result};
 use crate::mesh::{Axis, Mesh};
-use crate::surface::Surface;
+use crate::scan::surface::Surface;
 use faer::{Mat, Side};
 use std::f64::consts::PI;
 use std::fmt;

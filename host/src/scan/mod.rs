@@ -1,0 +1,9 @@
+//! Scans in, and what is found out about meshes: a file per format, faults, symmetry, nearest
+//! points.
+
+pub mod decimate;
+pub mod doctor;
+pub mod mesh_file;
+pub mod rigid;
+pub mod surface;
+pub mod symmetry;
