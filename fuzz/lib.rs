@@ -1,10 +1,10 @@
 //! What the fuzz targets share: a tiny model, damage to bytes that carry a checksum, and what holds of
 //! every mesh.
 
-use onescan::build::{BuildOptions, Method, build};
-use onescan::decompose::Truncation;
+use onescan::model::build::{BuildOptions, Method, build};
+use onescan::model::decompose::Truncation;
 use onescan::scan::doctor::{Findings, mend};
-use onescan::kernel::Kernels;
+use onescan::model::kernel::Kernels;
 use onescan::mesh::{Axis, Mesh};
 use onescan::mesh::landmarks::Landmark;
 use onescan::scan::mesh_file::{self, Format, Options};

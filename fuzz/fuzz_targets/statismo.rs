@@ -3,7 +3,7 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
 use onescan::interchange::{Format, parse, to_bytes};
-use onescan::morphable::Morphable;
+use onescan::model::morphable::Morphable;
 use std::sync::OnceLock;
 
 /// The tiny model in both forms.

@@ -7,7 +7,7 @@
 
 use crate::demo;
 use crate::error::{Error, Result};
-use crate::layout;
+use crate::model::layout;
 use crate::model_file::OwnedModel;
 use crate::photo::picture::Picture;
 use crate::photo::tlms::Tlms;

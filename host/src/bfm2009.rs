@@ -5,8 +5,8 @@
 
 use crate::error::{Error, Result};
 use crate::mat::{self, Array};
-use crate::morphable::{Import, Morphable};
-use crate::process::Process;
+use crate::model::morphable::{Import, Morphable};
+use crate::model::process::Process;
 use faer::Mat;
 
 /// Micrometres in a millimetre.

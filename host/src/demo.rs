@@ -1,13 +1,13 @@
 //! The demo: the built-in face model, fitted to two photos and to a rendered face of known truth.
 
-use crate::build::{BuildOptions, BuiltModel, Method, build};
-use crate::decompose::{Progress, Truncation};
 use crate::error::{Error, Result};
-use crate::kernel::Kernels;
-use crate::layout;
 use crate::mesh::landmarks::{self, Landmark};
 use crate::mesh::ply;
 use crate::mesh::{Axis, Mesh};
+use crate::model::build::{BuildOptions, BuiltModel, Method, build};
+use crate::model::decompose::{Progress, Truncation};
+use crate::model::kernel::Kernels;
+use crate::model::layout;
 use crate::photo;
 use crate::photo::picture::Picture;
 use crate::photo::tlms::{Landmark2, Tlms};

@@ -5,14 +5,12 @@
 //!
 //! | step | room |
 //! |---|---|
-//! | kernels → eigenbasis → `.3dmm` | [`kernel`], [`decompose`], [`nystrom`], [`build`], [`model_file`] |
+//! | kernels → eigenbasis → model; models of models; how good they are | [`model`] |
+//! | `.3dmm` files | [`model_file`] |
 //! | meshes, landmarks, PLY and glTF out | [`mesh`] |
 //! | scan → mesh; mended, simplified, compared | [`scan`] |
-//! | model → smaller model | [`export`] |
-//! | model → double precision, models of models | [`morphable`], [`operate`] |
 //! | model ↔ other programs' files | [`interchange`], [`statismo`], [`bfm2009`] |
 //! | the formats below those | [`mod@hdf5`], [`mat`] |
-//! | how good a model is | [`metrics`] |
 //! | the paper's experiments | [`experiment`] |
 //! | photo → picture a fit looks at | [`photo`] |
 //! | model + picture → fitted scene | [`fit`] |
@@ -29,16 +27,10 @@ pub mod bench;
 #[cfg(feature = "full")]
 pub mod bfm2009;
 #[cfg(feature = "full")]
-pub mod build;
-#[cfg(feature = "full")]
-pub mod decompose;
-#[cfg(feature = "full")]
 pub mod demo;
 pub mod error;
 #[cfg(feature = "full")]
 pub mod experiment;
-#[cfg(feature = "full")]
-pub mod export;
 #[cfg(feature = "full")]
 pub mod files;
 pub mod fit;
@@ -48,24 +40,12 @@ pub mod hdf5;
 pub mod interchange;
 mod json;
 #[cfg(feature = "full")]
-pub mod kernel;
-#[cfg(feature = "full")]
-pub mod layout;
-#[cfg(feature = "full")]
 pub mod mat;
 pub mod mesh;
 #[cfg(feature = "full")]
-pub mod metrics;
+pub mod model;
 pub mod model_file;
-#[cfg(feature = "full")]
-pub mod morphable;
-#[cfg(feature = "full")]
-pub mod nystrom;
-#[cfg(feature = "full")]
-pub mod operate;
 pub mod photo;
-#[cfg(feature = "full")]
-pub mod process;
 #[cfg(feature = "full")]
 pub mod progress;
 pub mod render;

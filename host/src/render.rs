@@ -1,9 +1,9 @@
 //! Pictures and meshes of a model, in owned memory.
 
 use crate::error::{Error, Result};
-#[cfg(feature = "full")]
-use crate::layout;
 use crate::mesh::Mesh;
+#[cfg(feature = "full")]
+use crate::model::layout;
 use crate::photo::picture::Picture;
 use onescan_core::basis::{Basis, padded};
 use onescan_core::model::Model;

@@ -17,8 +17,8 @@
 use crate::error::{Error, Result};
 use crate::hdf5::{Group, Store, Values};
 use crate::mesh::landmarks::{self, Landmark, Point, Uncertainty};
-use crate::morphable::{Import, Morphable};
-use crate::process::Process;
+use crate::model::morphable::{Import, Morphable};
+use crate::model::process::Process;
 use faer::Mat;
 use std::collections::{BTreeMap, HashMap};
 

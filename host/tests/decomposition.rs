@@ -1,10 +1,10 @@
 //! The structured decomposition against a dense one of the whole 3V × 3V covariance.
 
 use faer::{Mat, Side};
-use onescan::decompose::{Decomposition, MAX_RESIDUAL, Truncation, decompose};
-use onescan::kernel::{Kernel, PRESETS, Preset, Vertex, mean_of, rbf, rgb_rbf};
 use onescan::mesh::ply;
 use onescan::mesh::{Axis, Mesh};
+use onescan::model::decompose::{Decomposition, MAX_RESIDUAL, Truncation, decompose};
+use onescan::model::kernel::{Kernel, PRESETS, Preset, Vertex, mean_of, rbf, rgb_rbf};
 use proptest::prelude::*;
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! Smaller models are the same model over less.
 
 use onescan::bench::Workload;
-use onescan::export::{ExportOptions, Exported, export};
+use onescan::model::export::{ExportOptions, Exported, export};
 use onescan::model_file::OwnedModel;
 use onescan_core::basis::Basis;
 use onescan_core::model::Model;

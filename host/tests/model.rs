@@ -1,11 +1,11 @@
 //! From a scan on disk to a model on disk, and back through the core's view.
 
-use onescan::build::{BuildOptions, BuiltModel, Method, build};
-use onescan::decompose::Truncation;
-use onescan::kernel::{Kernels, Preset, Vertex};
 use onescan::mesh::landmarks;
 use onescan::mesh::ply;
 use onescan::mesh::{Axis, Mesh};
+use onescan::model::build::{BuildOptions, BuiltModel, Method, build};
+use onescan::model::decompose::Truncation;
+use onescan::model::kernel::{Kernels, Preset, Vertex};
 use onescan::model_file::OwnedModel;
 use std::path::{Path, PathBuf};
 

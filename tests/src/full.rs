@@ -4,11 +4,11 @@
 use onescan::demo::template;
 use onescan::error::{Error, Result};
 use onescan::fit::Observed;
-use onescan::layout::ModelParts;
+use onescan::model::layout::ModelParts;
+use onescan::model::process::{Deviation, Half};
 use onescan::model_file::OwnedModel;
 use onescan::photo::tlms::{Landmark2, Tlms};
 use onescan::photo::{self, Crop};
-use onescan::process::{Deviation, Half};
 use onescan_core::math::sin_cos;
 use onescan_core::rng::Rng;
 use std::fs;

@@ -2,7 +2,7 @@
 //! memory. `cargo xtask golden` writes its hashes, `cargo xtask golden --device` its inputs.
 
 use onescan::demo::template_model;
-use onescan::export::{ExportOptions, export};
+use onescan::model::export::{ExportOptions, export};
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::{Landmark2, Tlms};
 use onescan::photo::{self, Crop};

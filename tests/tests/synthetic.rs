@@ -8,8 +8,8 @@
 use onescan::demo::{FIT_LANDMARKS, random_light, synthetic_photo, template, template_model};
 use onescan::experiment::faces::{Identity, identities};
 use onescan::fit::{Control, Ending, Fit, Job};
-use onescan::layout;
 use onescan::mesh::Mesh;
+use onescan::model::layout;
 use onescan::photo::Crop;
 use onescan::render;
 use onescan::scan::rigid::Rigid;

@@ -3,13 +3,13 @@
 use super::scan::Scan;
 use super::{file_name, model_file, write_model};
 use clap::Args;
-use onescan::build::{BuildOptions, Method, build};
-use onescan::decompose::Truncation;
 use onescan::error::{Error, Result};
 use onescan::interchange::Format;
-use onescan::kernel::{Hyper, Kernels, PRESETS, Preset};
 use onescan::mesh::Axis;
 use onescan::mesh::landmarks;
+use onescan::model::build::{BuildOptions, Method, build};
+use onescan::model::decompose::Truncation;
+use onescan::model::kernel::{Hyper, Kernels, PRESETS, Preset};
 use onescan::progress::Console;
 use onescan::scan::symmetry::{self, Plane, Symmetry};
 use std::path::PathBuf;

@@ -4,7 +4,7 @@ use super::{file_name, meshes, output_directory, read_model};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
-use onescan::metrics::{Curve, Options, Point, TestSet, measure};
+use onescan::model::metrics::{Curve, Options, Point, TestSet, measure};
 use onescan::progress::Console;
 use onescan::report;
 use onescan::scan::rigid::Rigid;

@@ -10,7 +10,7 @@ use onescan::mesh::Axis;
 use onescan::mesh::landmarks;
 use onescan::mesh::landmarks::Landmark;
 use onescan::mesh::ply;
-use onescan::metrics::Options;
+use onescan::model::metrics::Options;
 use onescan::progress::Console;
 use onescan::scan::mesh_file;
 use onescan::{demo, report};

@@ -3,9 +3,9 @@
 use super::{model_file, write_model};
 use clap::Args;
 use onescan::error::{Error, Result};
-use onescan::export::{ExportOptions, export};
 use onescan::interchange::{self, Format};
-use onescan::morphable::Morphable;
+use onescan::model::export::{ExportOptions, export};
+use onescan::model::morphable::Morphable;
 use onescan::progress::Console;
 use std::path::PathBuf;
 

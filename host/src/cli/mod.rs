@@ -21,7 +21,7 @@ use onescan::error::{Error, Result};
 use onescan::interchange::{self, Format};
 use onescan::mesh::Mesh;
 use onescan::mesh::ply;
-use onescan::morphable::{Import, Morphable};
+use onescan::model::morphable::{Import, Morphable};
 use onescan::progress::Console;
 use std::path::{Path, PathBuf};
 

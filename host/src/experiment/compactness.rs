@@ -12,15 +12,15 @@
 //! (`fixtures/README.md`): principal components know the very distribution that is tested.
 
 use super::faces::{identity_meshes, scan_meshes};
-use crate::decompose::{Progress, Truncation, decompose};
 use crate::demo;
 use crate::error::{Error, Result};
 use crate::json;
-use crate::kernel::{Kernel, Preset, Vertex};
 use crate::mesh::{Axis, Mesh};
-use crate::metrics::{Curve, Estimate, Metrics, Options, Point, TestSet, measure};
-use crate::morphable::Morphable;
-use crate::process::Process;
+use crate::model::decompose::{Progress, Truncation, decompose};
+use crate::model::kernel::{Kernel, Preset, Vertex};
+use crate::model::metrics::{Curve, Estimate, Metrics, Options, Point, TestSet, measure};
+use crate::model::morphable::Morphable;
+use crate::model::process::Process;
 use crate::scan::surface::Surface;
 use serde::Serialize;
 use std::path::Path;

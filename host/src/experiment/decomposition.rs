@@ -3,14 +3,14 @@
 
 mod page;
 
-use crate::decompose::{Progress, Truncation, decompose};
 use crate::demo;
 use crate::error::Result;
 use crate::json;
-use crate::kernel::{Kernel, Preset, Vertex, block, trace};
 use crate::mesh::{Axis, Mesh};
-use crate::nystrom::{self, nystrom};
-use crate::process::Process;
+use crate::model::decompose::{Progress, Truncation, decompose};
+use crate::model::kernel::{Kernel, Preset, Vertex, block, trace};
+use crate::model::nystrom::{self, nystrom};
+use crate::model::process::Process;
 use crate::scan::decimate::decimate;
 use onescan_core::rng::Rng;
 use serde::Serialize;

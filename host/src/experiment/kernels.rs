@@ -1,10 +1,10 @@
 //! The paper's kernel figure: samples of its ten kernels on one scan.
 
-use crate::decompose::{Progress, Truncation, decompose};
 use crate::error::{Error, Result};
-use crate::kernel::{Field, Hyper, KERNELS, Vertex};
-use crate::layout;
 use crate::mesh::{Axis, Mesh};
+use crate::model::decompose::{Progress, Truncation, decompose};
+use crate::model::kernel::{Field, Hyper, KERNELS, Vertex};
+use crate::model::layout;
 use crate::photo::picture::{Picture, contact_sheet};
 use crate::render;
 use crate::report;

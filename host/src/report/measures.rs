@@ -4,7 +4,7 @@ use super::charts::{Scale, Series, curves, spaced};
 use super::words::{Escaped, number};
 use super::{foot, head};
 use crate::error::{Error, Result};
-use crate::metrics::{Curve, Estimate, Point};
+use crate::model::metrics::{Curve, Estimate, Point};
 use std::fmt::{self, Write};
 
 /// Half the width of a 95 % interval in standard errors, as in the paper's error bars.
@@ -203,7 +203,7 @@ pub fn measures_table(models: &[Curve]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::Metrics;
+    use crate::model::metrics::Metrics;
 
     fn curve(name: &str) -> Curve {
         let point = |components: usize| {

@@ -8,16 +8,16 @@
 pub mod animals;
 pub mod solid;
 
-use crate::build::{BuildOptions, Method, build};
-use crate::decompose::{Progress, Truncation};
 use crate::demo;
 use crate::error::{Error, Result};
 use crate::fit::{Control, Ending, Job};
 use crate::json;
-use crate::kernel::Kernels;
-use crate::layout;
 use crate::mesh::landmarks::Landmark;
 use crate::mesh::{Axis, Mesh};
+use crate::model::build::{BuildOptions, Method, build};
+use crate::model::decompose::{Progress, Truncation};
+use crate::model::kernel::Kernels;
+use crate::model::layout;
 use crate::model_file::OwnedModel;
 use crate::photo::Crop;
 use crate::photo::picture::{Picture, WHITE, contact_sheet};

@@ -1,15 +1,15 @@
 //! From one coloured scan to a morphable model.
 
-use crate::decompose::{Decomposition, Progress, Truncation, decompose};
 use crate::error::{Error, Result};
-use crate::kernel::{Kernel, Kernels, Vertex};
-use crate::layout::ModelParts;
 use crate::mesh::Mesh;
 use crate::mesh::landmarks::Landmark;
+use crate::model::decompose::{Decomposition, Progress, Truncation, decompose};
+use crate::model::kernel::{Kernel, Kernels, Vertex};
+use crate::model::layout::ModelParts;
+use crate::model::morphable::Morphable;
+use crate::model::nystrom;
+use crate::model::process::{Half, Process};
 use crate::model_file::OwnedModel;
-use crate::morphable::Morphable;
-use crate::nystrom;
-use crate::process::{Half, Process};
 use onescan_core::rng::Rng;
 use std::fmt;
 use std::time::Instant;

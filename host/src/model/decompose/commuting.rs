@@ -1,6 +1,6 @@
 //! Common eigenvectors of commuting symmetric 3×3 matrices, by joint Jacobi rotations.
 
-use crate::kernel::Matrix3;
+use crate::model::kernel::Matrix3;
 
 /// Relative size of off-diagonal entries that counts as zero.
 const ROUNDING: f64 = 1e-12;

@@ -7,8 +7,8 @@
 //! ```
 
 use crate::error::{Error, Result};
-use crate::morphable::Morphable;
-use crate::process::Process;
+use crate::model::morphable::Morphable;
+use crate::model::process::Process;
 use faer::{Mat, Side};
 
 /// Components below this fraction of the first one's variance are left out: eigenvalues of `QᵀQ`

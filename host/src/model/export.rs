@@ -2,9 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::mesh::landmarks::Landmark;
+use crate::model::morphable::Morphable;
+use crate::model::process::Process;
 use crate::model_file::OwnedModel;
-use crate::morphable::Morphable;
-use crate::process::Process;
 use crate::scan::decimate::decimate;
 use std::fmt;
 

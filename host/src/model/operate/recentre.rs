@@ -2,8 +2,8 @@
 
 use crate::error::Result;
 use crate::mesh::Mesh;
-use crate::morphable::Morphable;
-use crate::process::Process;
+use crate::model::morphable::Morphable;
+use crate::model::process::Process;
 
 impl Process {
     /// This covariance about another mean of as many vertices.

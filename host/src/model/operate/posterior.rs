@@ -18,9 +18,9 @@
 //! and the posterior is the mean `m + Q c̄` with the covariance `(Q F)(Q F)ᵀ`.
 
 use crate::error::{Error, Result};
-use crate::kernel::Matrix3;
-use crate::morphable::Morphable;
-use crate::process::Process;
+use crate::model::kernel::Matrix3;
+use crate::model::morphable::Morphable;
+use crate::model::process::Process;
 use faer::Mat;
 
 /// Least variance of an error, mm² or squared colour: exact data are exact to a millionth.

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::mesh::landmarks::Landmark;
-use crate::morphable::Morphable;
+use crate::model::morphable::Morphable;
 
 impl Morphable {
     /// The model of the vertices that `keep` accepts: their marginal covariance, the triangles all

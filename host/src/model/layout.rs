@@ -5,8 +5,8 @@
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::landmarks::Landmark;
+use crate::model::process::{Deviation, Half};
 use crate::model_file::OwnedModel;
-use crate::process::{Deviation, Half};
 use onescan_core::basis::{LANES, padded};
 use onescan_core::hash::fnv64;
 use onescan_core::model::{

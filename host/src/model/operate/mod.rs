@@ -1,4 +1,4 @@
-//! What can be done to models as numbers ([`crate::morphable`]); each operation gives a new one.
+//! What can be done to models as numbers ([`crate::model::morphable`]); each operation gives a new one.
 //!
 //! | room | operation |
 //! |---|---|
@@ -44,8 +44,8 @@ pub fn with_line(provenance: &str, key: &str, value: &str) -> String {
 pub(crate) mod tests {
     use super::*;
     use crate::mesh::landmarks::Landmark;
-    use crate::morphable::Morphable;
-    use crate::process::Process;
+    use crate::model::morphable::Morphable;
+    use crate::model::process::Process;
     use onescan_core::rng::Rng;
 
     /// A process with random mean, random columns and falling variances.

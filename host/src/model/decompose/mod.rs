@@ -19,8 +19,8 @@ mod structure;
 mod tiles;
 
 use crate::error::{Error, Result};
-use crate::kernel::{Kernel, Vertex, block, trace};
-use crate::process::{Deviation, Process};
+use crate::model::kernel::{Kernel, Vertex, block, trace};
+use crate::model::process::{Deviation, Process};
 use faer::{Mat, MatRef};
 use krylov::Krylov;
 use operator::KEPT_BYTES;
@@ -365,8 +365,8 @@ fn leading_sign(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::Preset;
     use crate::mesh::Axis;
+    use crate::model::kernel::Preset;
 
     #[test]
     fn large_meshes_decompose_like_small_ones() {

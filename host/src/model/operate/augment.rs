@@ -7,8 +7,8 @@
 
 use super::columns;
 use crate::error::{Error, Result};
-use crate::morphable::Morphable;
-use crate::process::Process;
+use crate::model::morphable::Morphable;
+use crate::model::process::Process;
 use faer::Mat;
 
 impl Process {

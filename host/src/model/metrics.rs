@@ -13,10 +13,10 @@
 
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::morphable::Morphable;
-use crate::operate::columns;
-use crate::operate::project::ridge;
-use crate::process::Process;
+use crate::model::morphable::Morphable;
+use crate::model::operate::columns;
+use crate::model::operate::project::ridge;
+use crate::model::process::Process;
 use crate::scan::surface::Surface;
 use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use onescan_core::rng::Rng;
@@ -185,7 +185,7 @@ fn half(
 /// Per number of components: by correspondence, and to surfaces.
 type Pair = (Estimate, Option<Estimate>);
 
-/// The projection (see [`mod@crate::operate::project`]) into M components needs the leading M × M
+/// The projection (see [`mod@crate::model::operate::project`]) into M components needs the leading M × M
 /// part of `QᵀQ` and the first M rows of `Qᵀ(s − m)`.
 fn generalization(
     process: &Process,
@@ -324,7 +324,7 @@ fn surface_distance(a: &Mat<f64>, i: usize, b: &Mat<f64>, j: usize, surface: &Su
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::operate::tests::morphable;
+    use crate::model::operate::tests::morphable;
 
     fn measured(model: &Morphable, meshes: &[Mesh], options: &Options) -> Metrics {
         let surfaces: Vec<Surface> = meshes.iter().map(Surface::new).collect();

@@ -13,8 +13,8 @@
 use super::columns;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::morphable::Morphable;
-use crate::process::Process;
+use crate::model::morphable::Morphable;
+use crate::model::process::Process;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 

@@ -4,8 +4,8 @@
 //! lists how. Its random numbers are Java's, so its models cannot be had to the bit.
 
 use crate::error::{Error, Result};
-use crate::kernel::{Kernel, Vertex, block, trace};
-use crate::process::Process;
+use crate::model::kernel::{Kernel, Vertex, block, trace};
+use crate::model::process::Process;
 use faer::{Mat, MatRef, Side};
 use onescan_core::rng::Rng;
 use rayon::prelude::*;
@@ -180,8 +180,8 @@ fn halves(kernel: &Kernel) -> Option<[&Kernel; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::Preset;
     use crate::mesh::Axis;
+    use crate::model::kernel::Preset;
 
     fn vertices() -> Vec<Vertex> {
         let position =

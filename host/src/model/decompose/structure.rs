@@ -18,7 +18,7 @@ use super::commuting::{joint_eigenvectors, quadratic};
 use super::operator::{Operator, Weights};
 use super::tiles::Metric;
 use crate::error::{Error, Result};
-use crate::kernel::{Kernel, Matrix3, Space, Term, Vertex, reflect};
+use crate::model::kernel::{Kernel, Matrix3, Space, Term, Vertex, reflect};
 use faer::ColRef;
 use std::collections::HashMap;
 

@@ -7,8 +7,8 @@ use super::columns;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::landmarks::Landmark;
-use crate::morphable::Morphable;
-use crate::process::Process;
+use crate::model::morphable::Morphable;
+use crate::model::process::Process;
 
 impl Process {
     /// Mean and principal components of at least two fields over the same vertices: orthonormal,

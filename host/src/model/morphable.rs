@@ -4,11 +4,11 @@
 //! A `.3dmm` file keeps 16-bit entries for a fast fit; here a model is a mean and a matrix.
 
 use crate::error::Result;
-use crate::layout::ModelParts;
 use crate::mesh::Mesh;
 use crate::mesh::landmarks::{Landmark, Uncertainty};
+use crate::model::layout::ModelParts;
+use crate::model::process::{Half, Process};
 use crate::model_file::OwnedModel;
-use crate::process::{Half, Process};
 use onescan_core::model::Model;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -141,10 +141,10 @@ pub struct Import {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::build::{BuildOptions, Method, build};
-    use crate::decompose::Truncation;
-    use crate::kernel::Kernels;
     use crate::mesh::Axis;
+    use crate::model::build::{BuildOptions, Method, build};
+    use crate::model::decompose::Truncation;
+    use crate::model::kernel::Kernels;
 
     fn model() -> OwnedModel {
         let points: Vec<[f32; 3]> = (0..40)
