@@ -9,8 +9,7 @@
 //! | `.3dmm` files | [`model_file`] |
 //! | meshes, landmarks, PLY and glTF out | [`mesh`] |
 //! | scan → mesh; mended, simplified, compared | [`scan`] |
-//! | model ↔ other programs' files | [`interchange`], [`statismo`], [`bfm2009`] |
-//! | the formats below those | [`mod@hdf5`], [`mat`] |
+//! | model ↔ other programs' files | [`interchange`] |
 //! | the paper's experiments | [`experiment`] |
 //! | photo → picture a fit looks at | [`photo`] |
 //! | model + picture → fitted scene | [`fit`] |
@@ -25,8 +24,6 @@
 #[cfg(feature = "full")]
 pub mod bench;
 #[cfg(feature = "full")]
-pub mod bfm2009;
-#[cfg(feature = "full")]
 pub mod demo;
 pub mod error;
 #[cfg(feature = "full")]
@@ -35,12 +32,8 @@ pub mod experiment;
 pub mod files;
 pub mod fit;
 #[cfg(feature = "full")]
-pub mod hdf5;
-#[cfg(feature = "full")]
 pub mod interchange;
 mod json;
-#[cfg(feature = "full")]
-pub mod mat;
 pub mod mesh;
 #[cfg(feature = "full")]
 pub mod model;
@@ -55,6 +48,4 @@ pub mod rps;
 pub mod scan;
 #[cfg(feature = "full")]
 pub mod simd;
-#[cfg(feature = "full")]
-pub mod statismo;
 pub mod summary;

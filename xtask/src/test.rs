@@ -1,7 +1,8 @@
 //! `cargo xtask test`: everything that must hold, in order, to the first failure.
 
+use crate::hdf5;
 use crate::shell::{cargo, run as sh, target};
-use crate::{Outcome, c, determinism, device, hdf5, no_arguments, no_std, page};
+use crate::{Outcome, c, determinism, device, no_arguments, no_std, page};
 use std::fs;
 use std::process::exit;
 use std::sync::mpsc::{RecvTimeoutError, channel};

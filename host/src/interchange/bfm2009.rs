@@ -4,7 +4,7 @@
 //! triangles are numbered from one and clockwise.
 
 use crate::error::{Error, Result};
-use crate::mat::{self, Array};
+use crate::interchange::mat::{self, Array};
 use crate::model::morphable::{Import, Morphable};
 use crate::model::process::Process;
 use faer::Mat;
@@ -96,7 +96,7 @@ fn triangles(tl: &Array, vertices: usize) -> Result<Vec<[u32; 3]>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mat::tests::{compressed, file, matrix};
+    use crate::interchange::mat::tests::{compressed, file, matrix};
 
     fn example(change: impl Fn(&mut Vec<Vec<u8>>)) -> Vec<u8> {
         let mean = [0.0, 0.0, 0.0, 2000.0, 0.0, 0.0, 0.0, 3000.0, 0.0];

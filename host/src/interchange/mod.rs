@@ -1,12 +1,15 @@
 //! Models by file name: which program's format a file has, and what each format cannot carry.
 
-use crate::bfm2009;
+pub mod bfm2009;
+pub mod hdf5;
+pub mod mat;
+pub mod statismo;
+
 use crate::error::{Error, Result};
 use crate::files::write_atomically;
-use crate::hdf5::{BinaryFile, JsonFile};
 use crate::model::morphable::{Import, Morphable};
 use crate::model_file::OwnedModel;
-use crate::statismo;
+use hdf5::{BinaryFile, JsonFile};
 use std::io::Write;
 use std::path::Path;
 

@@ -15,7 +15,7 @@
 //! | `/metadata/landmarks/json` or `text` | named points of the reference |
 
 use crate::error::{Error, Result};
-use crate::hdf5::{Group, Store, Values};
+use crate::interchange::hdf5::{Group, Store, Values};
 use crate::mesh::landmarks::{self, Landmark, Point, Uncertainty};
 use crate::model::morphable::{Import, Morphable};
 use crate::model::process::Process;

@@ -278,7 +278,7 @@ fn attribute(name: &str, text: &str) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hdf5::{BinaryFile, Store};
+    use crate::interchange::hdf5::{BinaryFile, Store};
 
     fn example() -> Group {
         let mut root = Group::default();
