@@ -1,7 +1,7 @@
 //! A fit that is read can be written again, and drawn.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use onescan::summary::Summary;
+use onescan::fit::summary::Summary;
 
 fuzz_target!(|data: &str| {
     let Ok(summary) = Summary::parse(data) else { return };

@@ -1,7 +1,7 @@
 //! Render parameters that are read can be written again, and drawn.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use onescan::rps::Rps;
+use onescan::fit::rps::Rps;
 
 fuzz_target!(|data: &str| {
     let Ok(rps) = Rps::parse(data) else { return };

@@ -5,18 +5,21 @@
 //!
 //! | step | room |
 //! |---|---|
-//! | kernels → eigenbasis → model; models of models; how good they are | [`model`] |
+//! | scan → mesh; mending, simplifying and comparing meshes | [`scan`] |
+//! | meshes, their landmarks, PLY, glTF out | [`mesh`] |
+//! | kernels → eigenbasis → model; models of models; how good a model is | [`model`] |
 //! | `.3dmm` files | [`model_file`] |
-//! | meshes, landmarks, PLY and glTF out | [`mesh`] |
-//! | scan → mesh; mended, simplified, compared | [`scan`] |
 //! | model ↔ other programs' files | [`interchange`] |
+//! | photo → picture and landmarks a fit looks at | [`photo`] |
+//! | model + scene → picture, mesh | [`render`] |
+//! | model + picture → fitted scene, and the files about it | [`fit`] |
+//! | fits, measures → pages | [`report`] |
 //! | the paper's experiments | [`experiment`] |
-//! | photo → picture a fit looks at | [`photo`] |
-//! | model + picture → fitted scene | [`fit`] |
-//! | scene → pictures, meshes, reports | [`render`], [`rps`], [`summary`], [`report`] |
 //! | the demo, the benchmark | [`demo`], [`mod@bench`] |
 //! | the core's stages for wide vectors | [`simd`] |
 //! | files, errors, progress | [`files`], [`error`], [`progress`] |
+//!
+//! Rooms use each other in one direction only; a test of `xtask` sees to it.
 //!
 //! Without the feature `full` only that remains which a web page needs: no building of models, no
 //! files, no command.
@@ -43,9 +46,7 @@ pub mod photo;
 pub mod progress;
 pub mod render;
 pub mod report;
-pub mod rps;
 #[cfg(feature = "full")]
 pub mod scan;
 #[cfg(feature = "full")]
 pub mod simd;
-pub mod summary;

@@ -3,11 +3,11 @@
 use crate::{File, Model, Opened, Photo, Pixels};
 use onescan::error::{Error, Result};
 use onescan::fit::output::{self, Names};
+use onescan::fit::summary::{Summary, hex};
 use onescan::fit::{Job, Observed, Running};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
-use onescan::summary::{Summary, hex};
 use onescan::{render, report};
 use onescan_core::chain::{Config, Problem, Stage};
 use onescan_core::engine::Engine;

@@ -2,8 +2,8 @@
 
 use clap::Args;
 use onescan::error::Result;
+use onescan::fit::summary::hex;
 use onescan::interchange;
-use onescan::summary::hex;
 use onescan_core::basis::Basis;
 use serde_json::{Value, json};
 use std::path::PathBuf;

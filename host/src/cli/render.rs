@@ -3,11 +3,11 @@
 use super::{output_file, size};
 use clap::Args;
 use onescan::error::{Error, Result};
+use onescan::fit::rps::Rps;
+use onescan::fit::summary::{Summary, hex};
 use onescan::interchange;
 use onescan::progress::Console;
 use onescan::render;
-use onescan::rps::Rps;
-use onescan::summary::{Summary, hex};
 use std::path::PathBuf;
 
 /// Render the mean, or a fit, from any side.

@@ -4,13 +4,14 @@ pub mod checkpoint;
 pub mod output;
 #[cfg(feature = "full")]
 mod parallel;
+pub mod rps;
+pub mod summary;
 
 use crate::error::{Error, Result};
 use crate::photo::Crop;
 use crate::photo::picture::Picture;
 use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
-
 use onescan_core::chain::{
     Chain, Config, Image, Observation, Problem, Quality, Stage, State, Step, Tally,
 };

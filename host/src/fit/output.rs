@@ -4,14 +4,14 @@ use super::{Fit, Job};
 use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
+use crate::fit::rps::Rps;
+use crate::fit::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};
 use crate::mesh::Mesh;
 use crate::mesh::glb;
 use crate::mesh::ply::{self, Encoding};
 use crate::photo::Crop;
 use crate::photo::picture::{self, Picture};
 use crate::render;
-use crate::rps::Rps;
-use crate::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};
 use onescan_core::chain::{self, Config};
 use onescan_core::model::Model;
 use onescan_core::scene::Scene;

@@ -11,8 +11,8 @@ pub use measures::{measures_report, measures_table};
 
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;
+use crate::fit::summary::{Proposal, Stage, Summary};
 use crate::photo::picture::Picture;
-use crate::summary::{Proposal, Stage, Summary};
 use onescan_core::scene::Scene;
 use std::fmt::{self, Write};
 use std::path::Path;
@@ -428,7 +428,7 @@ mod tests {
     use crate::mesh::Mesh;
 
     fn finished(file: &str) -> Finished {
-        let mut summary = crate::summary::tests::example();
+        let mut summary = crate::fit::summary::tests::example();
         summary.image.file = file.to_owned();
         let picture = || Picture::filled(4, 3, [90, 60, 30]);
         let pictures = Pictures {

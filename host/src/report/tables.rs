@@ -1,7 +1,7 @@
 //! The page's tables: a fit's numbers in units people think in.
 
 use super::words::{likelihood, number, percent, shifted, turned};
-use crate::summary::Summary;
+use crate::fit::summary::Summary;
 use onescan_core::scene::{LUMINANCE, Scene};
 use onescan_core::{light, math};
 

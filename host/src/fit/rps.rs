@@ -4,8 +4,8 @@
 mod old;
 
 use crate::error::{Error, Result};
+use crate::fit::summary::check_scene;
 use crate::json;
-use crate::summary::check_scene;
 use onescan_core::light::{self, ModelLight};
 use onescan_core::scene::{Camera, Coefficients, ColorTransform, Light, MAX_RANK, Pose, Scene};
 use serde::{Deserialize, Serialize};

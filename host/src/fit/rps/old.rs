@@ -214,7 +214,7 @@ impl PosedCamera {
 
 #[cfg(test)]
 mod tests {
-    use crate::rps::Rps;
+    use crate::fit::rps::Rps;
     use serde_json::{Value, json};
 
     /// Version V1.0 with a light that has all coefficients.
