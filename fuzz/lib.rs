@@ -1,15 +1,15 @@
 //! What the fuzz targets share: a tiny model, damage to bytes that carry a checksum, and what holds of
 //! every mesh.
 
+use onescan::mesh::landmarks::Landmark;
+use onescan::mesh::{Axis, Mesh};
 use onescan::model::build::{BuildOptions, Method, build};
 use onescan::model::decompose::Truncation;
-use onescan::scan::doctor::{Findings, mend};
 use onescan::model::kernel::Kernels;
-use onescan::mesh::{Axis, Mesh};
-use onescan::mesh::landmarks::Landmark;
-use onescan::scan::mesh_file::{self, Format, Options};
 use onescan::model_file::OwnedModel;
 use onescan::render;
+use onescan::scan::doctor::{Findings, mend};
+use onescan::scan::mesh_file::{self, Format, Options};
 use onescan_core::scene::Scene;
 use std::path::Path;
 use std::sync::OnceLock;

@@ -3,8 +3,7 @@
 
 use onescan::demo::template;
 use onescan::mesh::ply::{self, Encoding};
-use onescan::photo;
-use onescan::photo::picture;
+use onescan::photo::{self, picture};
 use onescan_tests::coarse::coarse;
 use onescan_tests::full;
 use onescan_tests::program::{Onescan, fingerprint, fixtures, json, target};

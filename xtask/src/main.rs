@@ -9,6 +9,8 @@ mod golden;
 mod hdf5;
 mod no_std;
 mod page;
+#[cfg(test)]
+mod rooms;
 mod shell;
 mod synthetic;
 mod targets;
