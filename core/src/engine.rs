@@ -7,12 +7,13 @@
 
 use crate::basis::Basis;
 use crate::chain::{NormalEquations, add_normal_equations};
+use crate::lanes::Planes;
 use crate::likelihood::pixels::{self, Coverage, Known, Surface, Target};
 use crate::mesh;
 use crate::model::Triangles;
 use crate::render::project;
 use crate::render::rasterize::{self, Frame};
-use crate::render::shade::{Planes, Shader};
+use crate::render::shade::Shader;
 use crate::scene::Scene;
 use core::fmt;
 

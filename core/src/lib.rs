@@ -11,7 +11,7 @@
 //! | picture, landmarks, coefficients → log density | [`likelihood`] |
 //! | hypothesis → next hypothesis | [`proposal`], [`rng`] |
 //! | Metropolis–Hastings, filters, stages | [`chain`] |
-//! | memory for all of it | [`workspace`] |
+//! | memory for all of it | [`memory`], [`workspace`] |
 //! | the expensive stages, exchangeable | [`engine`] |
 //! | oracles for the tests | [`naive`] |
 //!
@@ -35,9 +35,11 @@ pub mod chain;
 pub mod draw;
 pub mod engine;
 pub mod hash;
+pub mod lanes;
 pub mod light;
 pub mod likelihood;
 pub mod math;
+pub mod memory;
 pub mod mesh;
 pub mod model;
 pub mod naive;

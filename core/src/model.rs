@@ -28,7 +28,6 @@
 
 use crate::basis::{Basis, LANES, padded};
 use crate::hash;
-use crate::render::rasterize::MAX_TRIANGLES;
 use core::fmt;
 
 /// First eight bytes of a model; like PNG's, they catch text-mode damage.
@@ -41,6 +40,8 @@ pub const HEADER_BYTES: usize = 192;
 pub const SECTION_ALIGN: usize = 64;
 /// First byte covered by the checksum.
 pub const CHECKED_FROM: usize = 24;
+/// The most triangles a mesh may have: their indices fit into the low bits of a float.
+pub const MAX_TRIANGLES: usize = 1 << 23;
 /// Where the section table starts.
 pub const TABLE_AT: usize = 72;
 

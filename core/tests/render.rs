@@ -5,10 +5,12 @@ mod common;
 
 use common::{ModelBytes, mask};
 use onescan_core::basis::padded;
+use onescan_core::lanes::planes_words;
 use onescan_core::likelihood::background::HISTOGRAM_LEN;
 use onescan_core::likelihood::pixels::{
-    Coverage, Known, Surface, Target, interpolate, planes_words, residual, target_words,
+    Coverage, Known, Surface, Target, interpolate, residual, target_words,
 };
+use onescan_core::memory::Carver;
 use onescan_core::mesh::vertex_normals;
 use onescan_core::model::{Model, Triangles};
 use onescan_core::naive;
@@ -18,7 +20,6 @@ use onescan_core::render::shade::{Shader, join};
 use onescan_core::render::{LANES, draw, draw_words};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use onescan_core::workspace::Carver;
 
 /// Side of the test pictures: the mask's triangles cover one or two pixels.
 const SIDE: usize = 128;

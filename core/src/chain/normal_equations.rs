@@ -1,7 +1,7 @@
 //! Weighted least squares by normal equations, in the caller's memory.
 
+use crate::lanes::LANES;
 use crate::math;
-use crate::render::LANES;
 
 /// Equations that are added together, so that the matrix is read and written once for all of them.
 const BATCH: usize = 8;

@@ -3,16 +3,18 @@
 use super::Problem;
 use super::refine::{self, Constraints, Sample, Search, View};
 use crate::basis::padded;
+use crate::lanes::Planes;
 use crate::light::{self, LitPoint};
 use crate::likelihood::pixels::{Coverage, Known, Surface, Target};
 use crate::math;
+use crate::memory::{Carver, Slots};
 use crate::model::{Model, Triangles};
 use crate::proposal::Touched;
 use crate::render::rasterize::{Frame, Hit};
-use crate::render::shade::{self, Attributes, Planes, Shader};
+use crate::render::shade::{self, Attributes, Shader};
 use crate::rng::Rng;
 use crate::scene::{Light, Scene};
-use crate::workspace::{Carver, Dimensions, Slots};
+use crate::workspace::Dimensions;
 
 type Quads<'w> = Slots<&'w mut [[f32; 4]]>;
 
@@ -71,7 +73,7 @@ impl<'w> Pipeline<'w> {
         let target = Target::carve(carver, pixels, width)?;
         let n = padded(vertices);
         let positions = slots(lean, || carver.quads(n))?;
-        let attributes = slots(lean, || carver.attributes(n))?;
+        let attributes = slots(lean, || carver.groups(n))?;
         let frame = slots(lean, || Frame::carve(carver, width, height))?;
         let pixels = if lean {
             None

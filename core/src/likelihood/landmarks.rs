@@ -3,9 +3,9 @@
 use super::LN_2PI;
 use crate::chain::LandmarkSample;
 use crate::math;
+use crate::memory::Carver;
 use crate::model::Model;
 use crate::scene::Scene;
-use crate::workspace::Carver;
 
 /// The most landmarks an observation may have.
 pub const MAX_LANDMARKS: usize = 64;

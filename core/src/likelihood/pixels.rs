@@ -5,22 +5,17 @@
 //! the density's own). Terms are summed per row in f32 and across rows in f64.
 
 use super::{LN_2PI, background};
+use crate::lanes::{LANES, Planes, chunks};
 use crate::math;
+use crate::memory::Carver;
 use crate::mesh::Index;
 use crate::model::Triangles;
 use crate::render::rasterize::Frame;
-use crate::render::shade::{self, Attributes, Planes, Shader};
-use crate::render::{LANES, chunks};
-use crate::workspace::Carver;
+use crate::render::shade::{self, Attributes, Shader};
 
 /// Words of memory [`Target`] needs; while it is made, [`background::HISTOGRAM_LEN`] more.
 pub const fn target_words(width: usize, height: usize) -> usize {
     (LANES + 3 * LANES / 4) * chunks(width, height)
-}
-
-/// Words of memory of three numbers per pixel.
-pub const fn planes_words(width: usize, height: usize) -> usize {
-    3 * LANES * chunks(width, height)
 }
 
 /// Log normaliser of the pixel's Gaussian, three channels.

@@ -13,19 +13,13 @@ pub mod rasterize;
 pub mod shade;
 
 use crate::basis::padded;
+pub use crate::lanes::{LANES, chunks};
+use crate::memory::Carver;
 use crate::mesh::{self, Index};
 use crate::model::{Model, Triangles};
 use crate::scene::Scene;
 use rasterize::{Frame, frame_words};
 use shade::{Attributes, Shader};
-
-/// Pixels handled together.
-pub const LANES: usize = 16;
-
-/// Chunks of [`LANES`] pixels of a picture, whose rows start with a new chunk each.
-pub const fn chunks(width: usize, height: usize) -> usize {
-    width.div_ceil(LANES) * height
-}
 
 /// A picture to draw into, RGB per pixel, row by row; what the mesh does not cover stays as it is.
 pub type Pixels<'a> = &'a mut [[f32; 3]];
@@ -53,9 +47,9 @@ pub fn draw(
     {
         return None;
     }
-    let mut carve = crate::workspace::Carver::new(memory);
+    let mut carve = Carver::new(memory);
     let positions = carve.quads(padded(vertices))?;
-    let attributes = carve.attributes(padded(vertices))?;
+    let attributes = carve.groups(padded(vertices))?;
     let window = carve.quads(padded(vertices))?;
     let mut frame = Frame::carve(&mut carve, width, height)?;
 

@@ -15,11 +15,11 @@
 //! exact, and of two edge functions with a common edge one subtracts the very products that the
 //! other subtracts the other way round. Their signs are opposite, or both are zero and inside.
 
-use super::{LANES, chunks};
+use crate::lanes::{LANES, chunks};
 use crate::math::{self, less, more};
+use crate::memory::Carver;
 use crate::mesh::{self, CHUNK, Index};
-use crate::model::Triangles;
-use crate::workspace::Carver;
+use crate::model::{MAX_TRIANGLES, Triangles};
 use core::ops::Range;
 
 /// A triangle at a pixel: the inverse distance of its surface there, the parts of it that come
@@ -36,8 +36,8 @@ const EMPTY: Pixel = [0.0; 4];
 /// Added to a triangle's index it gives its number: a float whose low bits are the index.
 const NUMBER: u32 = 8_388_608.0_f32.to_bits();
 
-/// The most triangles a mesh may have: the indices a number has room for.
-pub const MAX_TRIANGLES: usize = 1 << 23;
+// The indices a number has room for.
+const _: () = assert!(MAX_TRIANGLES <= 1 << 23);
 
 /// [`LANES`] pixels of a row.
 pub type Visible = [Pixel; LANES];

@@ -1,15 +1,13 @@
 //! Normals and albedo to colours, pixel by pixel: spherical-harmonics light and the colour
 //! transform.
 
-use super::LANES;
-use super::rasterize::{self, Visible};
+use crate::lanes::LANES;
+pub use crate::lanes::Planes;
 use crate::light::{ModelLight, color_matrix};
 use crate::math;
 use crate::mesh::{Index, transpose};
+use crate::render::rasterize::{self, Visible};
 use crate::scene::Scene;
-
-/// One number per channel or axis, for the pixels of a chunk.
-pub type Planes = [[f32; LANES]; 3];
 
 /// Light and colour transform of a scene, ready to be applied:
 /// `colour = M·(albedo ∘ radiance(n)) + offset`.

@@ -12,7 +12,7 @@ use onescan_core::hash::fnv64;
 use onescan_core::model::{
     CHECKED_FROM, HEADER_BYTES, MAGIC, SECTION_ALIGN, Section, TABLE_AT, VERSION,
 };
-use onescan_core::render::rasterize::MAX_TRIANGLES;
+use onescan_core::model::MAX_TRIANGLES;
 use rayon::prelude::*;
 
 /// A model of one mesh that never deviates from it: for drawing the mesh.

@@ -12,12 +12,13 @@ use onescan_core::chain::{Chain, Config, Image, Observation, Problem, Quality};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::likelihood::pixels::{Coverage, Known, Surface, Target};
+use onescan_core::memory::Carver;
 use onescan_core::model::Model;
 use onescan_core::render::shade::{Shader, set_albedo, set_normals};
 use onescan_core::render::{draw, draw_words, rasterize};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use onescan_core::workspace::{Carver, Dimensions};
+use onescan_core::workspace::Dimensions;
 
 /// Side of the photo, pixels.
 pub const SIDE: usize = 64;
@@ -156,7 +157,7 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     let photo = PHOTO.get(PPM_HEADER..)?.as_chunks().0;
     let target = Target::carve(&mut carver, photo, SIDE)?;
     let n = padded(VERTICES);
-    let (positions, attributes) = (carver.quads(n)?, carver.attributes(n)?);
+    let (positions, attributes) = (carver.quads(n)?, carver.groups(n)?);
     let window = carver.quads(n)?;
     let mut frame = rasterize::Frame::carve(&mut carver, SIDE, SIDE)?;
 

@@ -1,0 +1,17 @@
+//! Pixels side by side: a picture in chunks of [`LANES`], each row padded to whole chunks.
+
+/// Pixels handled together.
+pub const LANES: usize = 16;
+
+/// Chunks of [`LANES`] pixels of a picture, whose rows start with a new chunk each.
+pub const fn chunks(width: usize, height: usize) -> usize {
+    width.div_ceil(LANES) * height
+}
+
+/// One number per channel or axis, for the pixels of a chunk.
+pub type Planes = [[f32; LANES]; 3];
+
+/// Words of memory of three numbers per pixel.
+pub const fn planes_words(width: usize, height: usize) -> usize {
+    3 * LANES * chunks(width, height)
+}
