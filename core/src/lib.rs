@@ -7,7 +7,7 @@
 //! | model bytes → checked view | [`model`], [`basis`] |
 //! | hypothesis about the picture | [`scene`] |
 //! | coefficients → positions, normals, albedo | [`basis`], [`mesh`] |
-//! | positions → picture | [`render`], [`light`] |
+//! | positions → picture | [`render`], [`light`], [`color`] |
 //! | picture, landmarks, coefficients → log density | [`likelihood`] |
 //! | hypothesis → next hypothesis | [`proposal`], [`rng`] |
 //! | Metropolis–Hastings, filters, stages | [`chain`] |
@@ -32,6 +32,7 @@ extern crate std;
 
 pub mod basis;
 pub mod chain;
+pub mod color;
 pub mod draw;
 pub mod engine;
 pub mod hash;

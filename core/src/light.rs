@@ -4,7 +4,10 @@
 //! `i = l² + l + m` and the Lambert kernel `k` (Zivanov et al. 2013; FACTS §4.1). Radiance is not
 //! clamped and casts no shadows.
 
-use crate::scene::{ColorTransform, LUMINANCE, Light};
+use crate::color::ColorTransform;
+
+/// Nine spherical-harmonics coefficients per colour channel, `[basis function][RGB]`.
+pub type Light = [[f32; 3]; 9];
 
 /// `½√(1/π)`, `½√(3/π)`, `½√(15/π)`, `¼√(5/π)`, `¼√(15/π)`.
 const N: [f32; 5] = [0.282_094_8, 0.488_602_5, 1.092_548_4, 0.315_391_57, 0.546_274_2];
@@ -194,14 +197,4 @@ pub fn solve(points: impl IntoIterator<Item = LitPoint>, color: &ColorTransform)
         }
     }
     Some(light)
-}
-
-/// Luminance mix of the colour transform as a 3×3 matrix and offset: `out = M·colour + offset`.
-pub fn color_matrix(color: &ColorTransform) -> [[f32; 3]; 3] {
-    core::array::from_fn(|i| {
-        core::array::from_fn(|j| {
-            let direct = if i == j { color.contrast } else { 0.0 };
-            color.gain[i] * (direct + (1.0 - color.contrast) * LUMINANCE[j])
-        })
-    })
 }

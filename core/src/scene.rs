@@ -6,6 +6,8 @@
 //! down, its origin is the centre of the top-left pixel's sample (pixel `(x, y)` samples the
 //! window point `(x, y)`, no half-pixel shift), the same coordinates landmarks use.
 
+use crate::color::ColorTransform;
+use crate::light::{self, Light};
 use crate::math;
 use serde::{Deserialize, Serialize};
 
@@ -15,9 +17,6 @@ pub const MAX_RANK: usize = 200;
 /// Coefficients of one half of the model (shape or albedo), in standard deviations:
 /// their prior is `N(0, I)`.
 pub type Coefficients = heapless::Vec<f32, MAX_RANK>;
-
-/// Nine spherical-harmonics coefficients per colour channel, `[basis function][RGB]`.
-pub type Light = [[f32; 3]; 9];
 
 /// Pose of the object in the world (= camera) frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -150,48 +149,6 @@ pub struct PixelCamera {
     pub centre: [f32; 2],
 }
 
-/// Colour transform applied after shading: `out = gain ∘ (c·colour + (1−c)·lum) + offset`,
-/// `lum = 0.3 R + 0.59 G + 0.11 B`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ColorTransform {
-    /// Factor per channel.
-    pub gain: [f32; 3],
-    /// Contrast `c`: 1 keeps the colour, 0 leaves its luminance.
-    pub contrast: f32,
-    /// Added per channel.
-    pub offset: [f32; 3],
-}
-
-/// Luminance weights of the colour transform.
-pub const LUMINANCE: [f32; 3] = [0.3, 0.59, 0.11];
-
-impl ColorTransform {
-    /// Changes nothing.
-    pub const NEUTRAL: Self = Self { gain: [1.0; 3], contrast: 1.0, offset: [0.0; 3] };
-
-    /// Applies the transform to one colour.
-    pub fn apply(&self, color: [f32; 3]) -> [f32; 3] {
-        let lum = LUMINANCE[0] * color[0] + LUMINANCE[1] * color[1] + LUMINANCE[2] * color[2];
-        let grey = (1.0 - self.contrast) * lum;
-        let channel = |c: usize| self.gain[c] * (self.contrast * color[c] + grey) + self.offset[c];
-        [channel(0), channel(1), channel(2)]
-    }
-
-    /// The inverse transform; `None` where gain or contrast is zero and no inverse exists.
-    ///
-    /// The transform keeps luminance apart from gain and offset, so the inverse first undoes
-    /// these, then `(m − (1−c)·lum)/c`.
-    pub fn invert(&self, color: [f32; 3]) -> Option<[f32; 3]> {
-        if self.contrast == 0.0 || self.gain.contains(&0.0) {
-            return None;
-        }
-        let m = |c: usize| (color[c] - self.offset[c]) / self.gain[c];
-        let m = [m(0), m(1), m(2)];
-        let lum = LUMINANCE[0] * m[0] + LUMINANCE[1] * m[1] + LUMINANCE[2] * m[2];
-        Some(m.map(|v| (v - (1.0 - self.contrast) * lum) / self.contrast))
-    }
-}
-
 /// One hypothesis about the picture: the state of the Markov chain.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
@@ -223,7 +180,7 @@ impl Scene {
         Self {
             pose: Pose::AWAY_1M,
             camera: Camera::for_image(width, height),
-            light: crate::light::frontal(),
+            light: light::frontal(),
             color: ColorTransform::NEUTRAL,
             shape: zeros(shape_rank),
             albedo: zeros(albedo_rank),

@@ -1,9 +1,10 @@
 //! Golden values of the reference engine's conventions (camera, light, colour, likelihoods).
 
+use onescan_core::color::{ColorTransform, color_matrix};
 use onescan_core::light;
 use onescan_core::likelihood::pixels::ln_normaliser;
 use onescan_core::likelihood::{LN_2PI, ln_normal};
-use onescan_core::scene::{Camera, ColorTransform, Pose};
+use onescan_core::scene::{Camera, Pose};
 
 fn close(found: f32, expected: f64, tolerance: f64) {
     assert!((f64::from(found) - expected).abs() <= tolerance, "{found} is not {expected}");
@@ -117,7 +118,7 @@ fn named_lights() {
 
 #[test]
 fn light_in_the_models_frame_is_the_same_light() {
-    let light: onescan_core::scene::Light =
+    let light: light::Light =
         std::array::from_fn(|i| std::array::from_fn(|c| ((7 * i + 3 * c) as f32 * 0.7).sin()));
     let pose = Pose { roll: 0.4, yaw: -0.9, pitch: 0.3, ..Pose::AWAY_1M };
     let r = pose.rotation();
@@ -132,7 +133,7 @@ fn light_in_the_models_frame_is_the_same_light() {
 
 #[test]
 fn light_is_recovered_from_what_it_lights() {
-    let truth: onescan_core::scene::Light =
+    let truth: light::Light =
         std::array::from_fn(|i| std::array::from_fn(|c| ((5 * i + c) as f32).cos() * 0.3));
     let color = ColorTransform { gain: [1.1, 0.9, 1.0], contrast: 0.8, offset: [0.01, 0.0, 0.03] };
     let points = (0..400).map(|k| {
@@ -164,7 +165,7 @@ fn color_transform() {
         close(found, expected, 1e-6);
     }
     assert!(ColorTransform { contrast: 0.0, ..color }.invert(out).is_none());
-    let m = light::color_matrix(&color);
+    let m = color_matrix(&color);
     for c in 0..3 {
         let linear = m[c][0] * 0.6 + m[c][1] * 0.4 + m[c][2] * 0.2 + color.offset[c];
         close(linear, f64::from(out[c]), 1e-6);

@@ -7,9 +7,10 @@ use onescan::mesh::Mesh;
 use onescan::mesh::glb;
 use onescan::mesh::ply::{self, Encoding};
 use onescan::render;
-use onescan_core::light::{ambient_diffuse, ambient_white, frontal};
+use onescan_core::color::ColorTransform;
+use onescan_core::light::{Light, ambient_diffuse, ambient_white, frontal};
 use onescan_core::rng::Rng;
-use onescan_core::scene::{Coefficients, ColorTransform, Light, MAX_RANK, Scene};
+use onescan_core::scene::{Coefficients, MAX_RANK, Scene};
 use std::rc::Rc;
 use wasm_bindgen::prelude::*;
 

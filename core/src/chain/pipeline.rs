@@ -4,7 +4,7 @@ use super::Problem;
 use super::refine::{self, Constraints, Sample, Search, View};
 use crate::basis::padded;
 use crate::lanes::Planes;
-use crate::light::{self, LitPoint};
+use crate::light::{self, Light, LitPoint};
 use crate::likelihood::pixels::{Coverage, Known, Surface, Target};
 use crate::math;
 use crate::memory::{Carver, Slots};
@@ -13,7 +13,7 @@ use crate::proposal::Touched;
 use crate::render::rasterize::{Frame, Hit};
 use crate::render::shade::{self, Attributes, Shader};
 use crate::rng::Rng;
-use crate::scene::{Light, Scene};
+use crate::scene::Scene;
 use crate::workspace::Dimensions;
 
 type Quads<'w> = Slots<&'w mut [[f32; 4]]>;

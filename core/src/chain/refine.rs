@@ -12,7 +12,7 @@
 
 use super::normal_equations::{NormalEquations, System, system_words};
 use crate::basis::Basis;
-use crate::light::color_matrix;
+use crate::color::color_matrix;
 use crate::likelihood::prior::Prior;
 use crate::math;
 use crate::scene::{MAX_RANK, PixelCamera, Pose, Scene};

@@ -1,7 +1,8 @@
 //! Moves of the colour transform.
 
+use crate::color::ColorTransform;
 use crate::rng::Rng;
-use crate::scene::ColorTransform;
+
 
 /// Adds to gain (each channel), contrast and offset (each channel): symmetric.
 ///

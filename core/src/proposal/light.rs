@@ -4,7 +4,7 @@
 use super::factor;
 use crate::math;
 use crate::rng::Rng;
-use crate::scene::Light;
+use crate::light::Light;
 use core::ops::Range;
 
 /// Coefficients of each band.

@@ -3,7 +3,8 @@
 
 use crate::lanes::LANES;
 pub use crate::lanes::Planes;
-use crate::light::{ModelLight, color_matrix};
+use crate::color::color_matrix;
+use crate::light::ModelLight;
 use crate::math;
 use crate::mesh::{Index, transpose};
 use crate::render::rasterize::{self, Visible};

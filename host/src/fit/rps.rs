@@ -6,8 +6,9 @@ mod old;
 use crate::error::{Error, Result};
 use crate::fit::summary::check_scene;
 use crate::json;
-use onescan_core::light::{self, ModelLight};
-use onescan_core::scene::{Camera, Coefficients, ColorTransform, Light, MAX_RANK, Pose, Scene};
+use onescan_core::color::ColorTransform;
+use onescan_core::light::{self, Light, ModelLight};
+use onescan_core::scene::{Camera, Coefficients, MAX_RANK, Pose, Scene};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

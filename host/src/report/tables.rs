@@ -2,7 +2,8 @@
 
 use super::words::{likelihood, number, percent, shifted, turned};
 use crate::fit::summary::Summary;
-use onescan_core::scene::{LUMINANCE, Scene};
+use onescan_core::color::LUMINANCE;
+use onescan_core::scene::Scene;
 use onescan_core::{light, math};
 
 /// Name and value of each row.
