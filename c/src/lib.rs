@@ -9,12 +9,14 @@
 use core::ffi::{CStr, c_char};
 use core::mem::{align_of, size_of};
 use core::slice;
-use onescan_core::chain::{Chain, ChainError, Config, Image, Observation, Problem};
+use onescan_core::chain::{Chain, ChainError, Config, Problem};
+use onescan_core::image::Image;
+use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::engine::Engine;
 use onescan_core::likelihood::landmarks::MAX_LANDMARKS;
 use onescan_core::model::{Model, ModelError};
 use onescan_core::render::{draw, draw_words};
-use onescan_core::workspace::Dimensions;
+use onescan_core::chain::Dimensions;
 
 /// What became of a call.
 #[repr(C)]

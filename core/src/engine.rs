@@ -6,8 +6,8 @@
 //! the source.
 
 use crate::basis::Basis;
-use crate::chain::{NormalEquations, add_normal_equations};
 use crate::lanes::Planes;
+use crate::least_squares::{NormalEquations, add_normal_equations};
 use crate::likelihood::pixels::{self, Coverage, Known, Surface, Target};
 use crate::mesh;
 use crate::model::Triangles;

@@ -8,10 +8,10 @@
 //! | hypothesis about the picture | [`scene`] |
 //! | coefficients → positions, normals, albedo | [`basis`], [`mesh`] |
 //! | positions → picture | [`render`], [`light`], [`color`] |
-//! | picture, landmarks, coefficients → log density | [`likelihood`] |
+//! | picture, landmarks, coefficients → log density | [`image`], [`likelihood`] |
 //! | hypothesis → next hypothesis | [`proposal`], [`rng`] |
 //! | Metropolis–Hastings, filters, stages | [`chain`] |
-//! | memory for all of it | [`memory`], [`workspace`] |
+//! | memory for all of it | [`memory`], [`chain::Dimensions`] |
 //! | the expensive stages, exchangeable | [`engine`] |
 //! | oracles for the tests | [`naive`] |
 //!
@@ -36,7 +36,9 @@ pub mod color;
 pub mod draw;
 pub mod engine;
 pub mod hash;
+pub mod image;
 pub mod lanes;
+pub mod least_squares;
 pub mod light;
 pub mod likelihood;
 pub mod math;
@@ -48,4 +50,3 @@ pub mod proposal;
 pub mod render;
 pub mod rng;
 pub mod scene;
-pub mod workspace;

@@ -9,6 +9,12 @@ pub fn exp(x: f64) -> f64 {
     libm::exp(x)
 }
 
+/// `eˣ` in single precision, for factors.
+#[inline]
+pub fn exp_f32(x: f32) -> f32 {
+    exp(f64::from(x)) as f32
+}
+
 /// Natural logarithm.
 #[inline]
 pub fn ln(x: f64) -> f64 {

@@ -9,8 +9,8 @@ macro_rules! engine {
     ($module:ident, $features:literal) => {
         mod $module {
             use onescan_core::basis::Basis;
-            use onescan_core::chain::add_normal_equations;
             use onescan_core::engine::Engine;
+            use onescan_core::least_squares::add_normal_equations;
             use onescan_core::likelihood::pixels::{self, Coverage, Known, Surface, Target};
             use onescan_core::mesh;
             use onescan_core::model::Triangles;

@@ -1,6 +1,7 @@
 //! The stages of a rendering, kept: a move reruns only what it touches.
 
-use super::Problem;
+use super::dimensions::Dimensions;
+use super::problem::Problem;
 use super::refine::{self, Constraints, Sample, Search, View};
 use crate::basis::padded;
 use crate::lanes::Planes;
@@ -14,7 +15,6 @@ use crate::render::rasterize::{Frame, Hit};
 use crate::render::shade::{self, Attributes, Shader};
 use crate::rng::Rng;
 use crate::scene::Scene;
-use crate::workspace::Dimensions;
 
 type Quads<'w> = Slots<&'w mut [[f32; 4]]>;
 

@@ -10,9 +10,10 @@
 //!
 //! The step is scaled by a random factor and judged by the chain's tests like any proposal.
 
-use super::normal_equations::{NormalEquations, System, system_words};
 use crate::basis::Basis;
 use crate::color::color_matrix;
+use crate::least_squares::{NormalEquations, System, system_words};
+use crate::likelihood::landmarks::LandmarkSample;
 use crate::likelihood::prior::Prior;
 use crate::math;
 use crate::scene::{MAX_RANK, PixelCamera, Pose, Scene};
@@ -25,7 +26,7 @@ const POSE_PARAMETERS: usize = 7;
 const LIGHT_PARAMETERS: usize = 27;
 
 /// Words of memory the search moves need: for the larger of the two systems.
-pub(crate) const fn search_words(shape_rank: usize, albedo_rank: usize) -> usize {
+pub(super) const fn search_words(shape_rank: usize, albedo_rank: usize) -> usize {
     let (shape, albedo) = (shape_rank + POSE_PARAMETERS, albedo_rank + LIGHT_PARAMETERS);
     system_words(if shape > albedo { shape } else { albedo })
 }
@@ -172,16 +173,6 @@ impl View {
             }
         }
     }
-}
-
-/// An observed landmark: model point, vertex, and observed minus model position.
-pub(crate) struct LandmarkSample {
-    /// Model-frame position.
-    pub(crate) point: [f32; 3],
-    /// The vertex.
-    pub(crate) vertex: usize,
-    /// Window pixels.
-    pub(crate) residual: [f32; 2],
 }
 
 /// Landmarks and what the search for the shape needs besides the picture.

@@ -1,7 +1,6 @@
 //! Landmark likelihood: isotropic Gaussian error in the picture.
 
-use super::LN_2PI;
-use crate::chain::LandmarkSample;
+use super::normal::LN_2PI;
 use crate::math;
 use crate::memory::Carver;
 use crate::model::Model;
@@ -13,6 +12,15 @@ pub const MAX_LANDMARKS: usize = 64;
 /// Model-frame positions of the observed landmarks, mm.
 pub type Points = heapless::Vec<[f32; 3], MAX_LANDMARKS>;
 
+/// Where a named landmark of the model is in the picture, window pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation<'a> {
+    /// Name as in the model.
+    pub name: &'a str,
+    /// `(u, v)`, y down; pixel `(x, y)` is the point `(x, y)`.
+    pub position: [f32; 2],
+}
+
 /// Words of memory [`Landmarks`] needs.
 pub const fn rows_words(landmarks: usize, shape_rank: usize) -> usize {
     3 * landmarks * (1 + shape_rank)
@@ -21,6 +29,16 @@ pub const fn rows_words(landmarks: usize, shape_rank: usize) -> usize {
 /// Points of a landmark's row, at least one.
 fn row_len(rank: usize) -> usize {
     rank.saturating_add(1)
+}
+
+/// An observed landmark: model point, vertex, and observed minus model position.
+pub(crate) struct LandmarkSample {
+    /// Model-frame position.
+    pub(crate) point: [f32; 3],
+    /// The vertex.
+    pub(crate) vertex: usize,
+    /// Window pixels.
+    pub(crate) residual: [f32; 2],
 }
 
 /// Observed landmarks with the rows of the shape basis at their vertices, so that a shape is

@@ -4,7 +4,8 @@
 //! (the reference engine's coded normaliser lacks the ½ in front of the third `log 2π`; this is
 //! the density's own). Terms are summed per row in f32 and across rows in f64.
 
-use super::{LN_2PI, background};
+use super::background;
+use super::normal::LN_2PI;
 use crate::lanes::{LANES, Planes, chunks};
 use crate::math;
 use crate::memory::Carver;

@@ -4,7 +4,7 @@
 //! improper: distance and focal length are interchangeable far away, principal point and
 //! translation nearly so, gain and light exactly so.
 
-use super::ln_normal;
+use super::normal::{LN_2PI, ln_normal};
 use crate::math;
 use crate::scene::Scene;
 use serde::{Deserialize, Serialize};
@@ -68,7 +68,7 @@ impl Prior {
 /// Standard normal log density of coefficients: `Σ −½log 2π − ½c²`.
 pub fn ln_coefficients(coefficients: &[f32]) -> f64 {
     let squares: f64 = coefficients.iter().map(|&c| f64::from(c) * f64::from(c)).sum();
-    -0.5 * super::LN_2PI * coefficients.len() as f64 - 0.5 * squares
+    -0.5 * LN_2PI * coefficients.len() as f64 - 0.5 * squares
 }
 
 #[cfg(test)]

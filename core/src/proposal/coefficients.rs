@@ -1,6 +1,6 @@
 //! Moves of the model's coefficients.
 
-use super::factor;
+use crate::math;
 use crate::rng::Rng;
 
 /// Adds `N(0, sd²)` to every coefficient: symmetric.
@@ -20,7 +20,7 @@ pub(super) fn add_to_one(coefficients: &mut [f32], sd: f32, rng: &mut Rng) -> Op
 
 /// Multiplies all `n` coefficients by `eᶻ`; the Jacobian is `eⁿᶻ`.
 pub(super) fn caricature(coefficients: &mut [f32], z: f32) -> Option<f64> {
-    let k = factor(z);
+    let k = math::exp_f32(z);
     for c in &mut *coefficients {
         *c *= k;
     }

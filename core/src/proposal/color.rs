@@ -3,7 +3,6 @@
 use crate::color::ColorTransform;
 use crate::rng::Rng;
 
-
 /// Adds to gain (each channel), contrast and offset (each channel): symmetric.
 ///
 /// The reference engine draws new gains and contrasts and then discards them (FACTS §6.2); here

@@ -1,10 +1,9 @@
 //! Moves of the spherical-harmonics light (FACTS §4.4), with the corrections that make them
 //! reversible.
 
-use super::factor;
+use crate::light::Light;
 use crate::math;
 use crate::rng::Rng;
-use crate::light::Light;
 use core::ops::Range;
 
 /// Coefficients of each band.
@@ -36,7 +35,7 @@ pub(super) fn intensity(light: &mut Light, z: f32) -> Option<f64> {
 }
 
 fn intensity_of(coefficients: &mut [[f32; 3]], z: f32) -> f64 {
-    let k = factor(z);
+    let k = math::exp_f32(z);
     for coefficient in &mut *coefficients {
         for channel in coefficient {
             *channel *= k;

@@ -1,6 +1,6 @@
 //! Moves of pose and camera (FACTS §6.2).
 
-use super::{Axis, factor};
+use super::kinds::Axis;
 use crate::math;
 use crate::scene::{Camera, Pose};
 
@@ -34,7 +34,7 @@ pub(super) fn change_distance(pose: &mut Pose, camera: &mut Camera, shift: f32) 
 
 /// `f' = f·eᶻ`; the Jacobian of the scaling is `eᶻ`.
 pub(super) fn scale(camera: &mut Camera, z: f32) -> Option<f64> {
-    camera.focal_length *= factor(z);
+    camera.focal_length *= math::exp_f32(z);
     Some(f64::from(z))
 }
 

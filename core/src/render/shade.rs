@@ -1,9 +1,9 @@
 //! Normals and albedo to colours, pixel by pixel: spherical-harmonics light and the colour
 //! transform.
 
+use crate::color::color_matrix;
 use crate::lanes::LANES;
 pub use crate::lanes::Planes;
-use crate::color::color_matrix;
 use crate::light::ModelLight;
 use crate::math;
 use crate::mesh::{Index, transpose};

@@ -12,11 +12,12 @@ use crate::photo::Crop;
 use crate::photo::picture::Picture;
 use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
-use onescan_core::chain::{
-    Chain, Config, Image, Observation, Problem, Quality, Stage, State, Step, Tally,
-};
+
+use onescan_core::chain::{Chain, Config, Problem, Quality, Stage, State, Step, Tally};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
+use onescan_core::image::Image;
+use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
 #[cfg(feature = "full")]

@@ -8,9 +8,12 @@
 
 use core::fmt::{self, Write};
 use onescan_core::basis::padded;
-use onescan_core::chain::{Chain, Config, Image, Observation, Problem, Quality};
+use onescan_core::chain::Dimensions;
+use onescan_core::chain::{Chain, Config, Problem, Quality};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
+use onescan_core::image::Image;
+use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::likelihood::pixels::{Coverage, Known, Surface, Target};
 use onescan_core::memory::Carver;
 use onescan_core::model::Model;
@@ -18,7 +21,6 @@ use onescan_core::render::shade::{Shader, set_albedo, set_normals};
 use onescan_core::render::{draw, draw_words, rasterize};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use onescan_core::workspace::Dimensions;
 
 /// Side of the photo, pixels.
 pub const SIDE: usize = 64;

@@ -7,7 +7,7 @@ use crate::math;
 const BATCH: usize = 8;
 
 /// Words of memory [`System`] needs for `n` unknowns.
-pub(super) const fn system_words(n: usize) -> usize {
+pub(crate) const fn system_words(n: usize) -> usize {
     (n + BATCH) * LANES * stride(n) + 3 * n
 }
 
@@ -21,7 +21,7 @@ const fn stride(n: usize) -> usize {
 type Equation = (f32, f32);
 
 /// Normal equations `A δ = b`.
-pub(super) struct System<'s> {
+pub(crate) struct System<'s> {
     n: usize,
     /// Row-major, rows padded; only the upper triangle (`j ≥ i`) is kept up.
     a: &'s mut [[f32; LANES]],
@@ -30,7 +30,7 @@ pub(super) struct System<'s> {
     batch: &'s mut [[f32; LANES]],
     waiting: heapless::Vec<Equation, BATCH>,
     /// Two rows in the making.
-    pub(super) rows: [&'s mut [f32]; 2],
+    pub(crate) rows: [&'s mut [f32]; 2],
     normal_equations: NormalEquations,
 }
 
@@ -72,7 +72,7 @@ pub fn add_normal_equations(
 
 impl<'s> System<'s> {
     /// An empty system of `n` unknowns; `None` if the memory is shorter than [`system_words`].
-    pub(super) fn new(
+    pub(crate) fn new(
         n: usize,
         normal_equations: NormalEquations,
         memory: &'s mut [f32],
@@ -96,7 +96,7 @@ impl<'s> System<'s> {
     }
 
     /// Adds a quadratic penalty `½ w (x + δ_i)²` on one unknown.
-    pub(super) fn pull(&mut self, i: usize, weight: f32, x: f32) {
+    pub(crate) fn pull(&mut self, i: usize, weight: f32, x: f32) {
         let diagonal = i * LANES * stride(self.n) + i;
         let a = self.a.as_flattened_mut().get_mut(diagonal);
         if let (Some(a), Some(b)) = (a, self.b.get_mut(i)) {
@@ -106,7 +106,7 @@ impl<'s> System<'s> {
     }
 
     /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
-    pub(super) fn add(&mut self, which: usize, weight: f32, residual: f32) {
+    pub(crate) fn add(&mut self, which: usize, weight: f32, residual: f32) {
         // There is room: the batch is emptied when full.
         let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
         let (Some(place), Some(row)) = (place, self.rows.get(which)) else { return };
@@ -131,7 +131,7 @@ impl<'s> System<'s> {
     /// definite.
     ///
     /// Eliminates a row at a time: every inner loop but one adds a multiple of one row to another.
-    pub(super) fn solve(&mut self) -> Option<&[f32]> {
+    pub(crate) fn solve(&mut self) -> Option<&[f32]> {
         self.flush();
         let (n, stride) = (self.n, stride(self.n));
         let subtract = |from: &mut [f32], factor: f32, row: &[f32]| {

@@ -1,7 +1,7 @@
 //! How much memory a chain needs.
 
+use super::refine::search_words;
 use crate::basis::padded;
-use crate::chain::search_words;
 use crate::lanes::planes_words;
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::landmarks;
@@ -23,12 +23,12 @@ pub struct Dimensions {
     pub width: usize,
     /// Rows of the picture.
     pub height: usize,
-    /// Whether memory is scarce, see [`Problem::lean`](crate::chain::Problem::lean).
+    /// Whether memory is scarce, see [`Problem::lean`](super::Problem::lean).
     pub lean: bool,
 }
 
 impl Dimensions {
-    /// Words (`u32`) of memory [`Chain::new`](crate::chain::Chain::new) takes.
+    /// Words (`u32`) of memory [`Chain::new`](super::Chain::new) takes.
     ///
     /// Two slots (the current and the proposed state's) of positions, normals and albedo per
     /// vertex, and of what is visible per pixel; its normal and albedo; window coordinates; the

@@ -1,0 +1,150 @@
+//! What is to be fitted to what, and how.
+
+use super::dimensions::Dimensions;
+use crate::engine::Engine;
+use crate::image::Image;
+use crate::likelihood::landmarks::{MAX_LANDMARKS, Observation};
+use crate::likelihood::prior::Prior;
+use crate::model::Model;
+use crate::scene::MAX_RANK;
+use core::fmt;
+use serde::{Deserialize, Serialize};
+
+/// How a fit is done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Config {
+    /// Shape coefficients to infer.
+    pub shape_rank: usize,
+    /// Albedo coefficients to infer.
+    pub albedo_rank: usize,
+    /// Steps of the landmark stage.
+    pub landmark_samples: u32,
+    /// Steps of the shape stage; 0 for faces.
+    pub shape_samples: u32,
+    /// Steps of the image stage.
+    pub samples: u32,
+    /// Standard deviation of a landmark, pixels.
+    pub landmark_sd: f32,
+    /// Standard deviation of a pixel's colour channel.
+    pub pixel_sd: f32,
+    /// Pixels that share one independent error: the image likelihood is raised to the power
+    /// `1/pixel_patch`. What a model cannot explain (a wrinkle, a highlight) is wrong in a whole
+    /// patch of the picture; counted pixel by pixel (1, as the reference engine does) it would
+    /// overrule the prior and be explained by a wrong shape.
+    pub pixel_patch: f32,
+    /// Priors on pose, camera and colour.
+    pub prior: Prior,
+    /// Whether search moves are used. Without them the image stage is a sampler of its target.
+    pub search: bool,
+}
+
+impl Config {
+    /// Steps of all stages.
+    pub fn steps(&self) -> u64 {
+        self.stages().into_iter().map(u64::from).sum()
+    }
+
+    pub(super) fn stages(&self) -> [u32; 3] {
+        [self.landmark_samples, self.shape_samples, self.samples]
+    }
+}
+
+impl Default for Config {
+    /// The paper's face fit: 50 + 50 coefficients, 5000 + 5000 samples.
+    fn default() -> Self {
+        Self {
+            shape_rank: 50,
+            albedo_rank: 50,
+            landmark_samples: 5000,
+            shape_samples: 0,
+            samples: 5000,
+            landmark_sd: 4.0,
+            pixel_sd: 0.043,
+            pixel_patch: 80.0,
+            prior: Prior::default(),
+            search: true,
+        }
+    }
+}
+
+/// What is to be fitted to what, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Problem<'a> {
+    /// The model.
+    pub model: &'a Model<'a>,
+    /// The picture.
+    pub image: Image<'a>,
+    /// Landmarks in the picture, at least one.
+    pub landmarks: &'a [Observation<'a>],
+    /// How.
+    pub config: &'a Config,
+    /// Who does the expensive work; [`Engine::PORTABLE`] if in doubt.
+    pub engine: &'a Engine,
+    /// Whether memory is scarcer than time. The chain then takes less than half the memory: a
+    /// rejected proposal's stages are computed again when they are wanted. Same bits.
+    pub lean: bool,
+}
+
+impl Problem<'_> {
+    /// The sizes that determine the memory a chain needs.
+    pub fn dimensions(&self) -> Dimensions {
+        Dimensions {
+            vertices: self.model.vertices(),
+            shape_rank: self.config.shape_rank.min(self.model.shape.rank()),
+            albedo_rank: self.config.albedo_rank.min(self.model.albedo.rank()),
+            landmarks: self.landmarks.len(),
+            width: self.image.width as usize,
+            height: self.image.height as usize,
+            lean: self.lean,
+        }
+    }
+}
+
+/// Why a chain cannot start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum ChainError {
+    /// The picture is empty or has another number of pixels than its sides say.
+    Image,
+    /// No landmarks, or more than [`MAX_LANDMARKS`].
+    LandmarkCount { found: usize },
+    /// A landmark that the model does not have.
+    UnknownLandmark { index: usize },
+    /// A landmark position that is not finite.
+    LandmarkPosition { index: usize },
+    /// More coefficients than [`MAX_RANK`].
+    Rank { found: usize },
+    /// A standard deviation that is not positive.
+    Config,
+    /// The memory is shorter than [`Dimensions::words`].
+    Memory { needed: usize, found: usize },
+    /// The checkpoint is of another problem: other coefficients or picture size.
+    Checkpoint,
+}
+
+impl fmt::Display for ChainError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Image => write!(f, "the picture is empty or its size does not match its pixels"),
+            Self::LandmarkCount { found } => {
+                write!(f, "{found} landmarks; a fit needs 1 to {MAX_LANDMARKS}")
+            }
+            Self::UnknownLandmark { index } => {
+                write!(f, "landmark {index} is not a landmark of the model")
+            }
+            Self::LandmarkPosition { index } => {
+                write!(f, "landmark {index} has a position that is not finite")
+            }
+            Self::Rank { found } => {
+                write!(f, "{found} coefficients; a fit infers at most {MAX_RANK} of each kind")
+            }
+            Self::Config => write!(f, "a standard deviation in the configuration is not positive"),
+            Self::Memory { needed, found } => {
+                write!(f, "{found} words of memory; this fit needs {needed}")
+            }
+            Self::Checkpoint => write!(f, "the checkpoint belongs to another model or picture"),
+        }
+    }
+}
+
+impl core::error::Error for ChainError {}
