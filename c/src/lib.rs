@@ -9,14 +9,11 @@
 use core::ffi::{CStr, c_char};
 use core::mem::{align_of, size_of};
 use core::slice;
-use onescan_core::chain::{Chain, ChainError, Config, Problem};
+use onescan_core::chain::{Chain, ChainError, Config, Dimensions, Problem};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
-use onescan_core::engine::Engine;
-use onescan_core::likelihood::landmarks::MAX_LANDMARKS;
+use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, Observation};
 use onescan_core::model::{Model, ModelError};
 use onescan_core::render::{draw, draw_words};
-use onescan_core::chain::Dimensions;
 
 /// What became of a call.
 #[repr(C)]
@@ -299,18 +296,17 @@ pub unsafe extern "C" fn onescan_start(
         };
         *observation = Observation { name, position: [landmark.x, landmark.y] };
     }
-    let config = Config {
-        shape_rank: settings.shape_rank as usize,
-        albedo_rank: settings.albedo_rank as usize,
-        landmark_samples: settings.landmark_samples,
-        shape_samples: settings.shape_samples,
-        samples: settings.samples,
-        landmark_sd: settings.landmark_sd,
-        pixel_sd: settings.pixel_sd,
-        pixel_patch: settings.pixel_patch,
-        search: settings.search,
-        ..Config::default()
-    };
+    let config = Config::default().with(|config| {
+        config.shape_rank = settings.shape_rank as usize;
+        config.albedo_rank = settings.albedo_rank as usize;
+        config.landmark_samples = settings.landmark_samples;
+        config.shape_samples = settings.shape_samples;
+        config.samples = settings.samples;
+        config.landmark_sd = settings.landmark_sd;
+        config.pixel_sd = settings.pixel_sd;
+        config.pixel_patch = settings.pixel_patch;
+        config.search = settings.search;
+    });
     let running = fit.cast::<Running>();
     // SAFETY: `fit` is large enough and aligned for a `Running` (asserted above). Its fields are
     // written before they are borrowed, and stay where they are, as the caller promises.
@@ -318,14 +314,13 @@ pub unsafe extern "C" fn onescan_start(
         (&raw mut (*running).model).write(model);
         (&raw mut (*running).config).write(config);
         (&raw mut (*running).observations).write(observations);
-        let problem = Problem {
-            model: &(*running).model,
-            image: Image { pixels, width, height },
-            landmarks: &(&(*running).observations)[..landmark_count],
-            config: &(*running).config,
-            engine: &Engine::PORTABLE,
-            lean: settings.lean,
-        };
+        let problem = Problem::new(
+            &(*running).model,
+            Image { pixels, width, height },
+            &(&(*running).observations)[..landmark_count],
+            &(*running).config,
+        )
+        .with_lean(settings.lean);
         (&raw mut (*running).chain).write(Chain::new(problem, settings.seed, 0, memory));
         match &(*running).chain {
             Ok(_) => OnescanStatus::Ok,

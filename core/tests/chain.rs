@@ -3,7 +3,6 @@
 mod common;
 
 use onescan_core::chain::{Chain, Config, Problem, Stage};
-use onescan_core::engine::Engine;
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
@@ -45,23 +44,14 @@ fn little_memory_changes_no_bit() {
     let model = bytes.model();
     let (pixels, truth) = photo(&model);
     let landmarks = landmarks(&model, &truth);
-    let config = Config {
-        shape_rank: 6,
-        albedo_rank: 5,
-        landmark_samples: 300,
-        samples: 1500,
-        ..Config::default()
-    };
+    let config = Config::default().with(|config| {
+        config.shape_rank = 6;
+        config.albedo_rank = 5;
+        config.landmark_samples = 300;
+        config.samples = 1500;
+    });
     let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
-    let engine = &Engine::PORTABLE;
-    let problem = Problem {
-        model: &model,
-        image,
-        landmarks: &landmarks,
-        config: &config,
-        engine,
-        lean: false,
-    };
+    let problem = Problem::new(&model, image, &landmarks, &config);
     let fit = |problem: Problem<'_>| {
         // Whatever was in the memory before.
         let mut memory = vec![0x7fc0_dead; problem.dimensions().words()];
@@ -77,7 +67,7 @@ fn little_memory_changes_no_bit() {
         (memory.len(), result)
     };
     let (words, result) = fit(problem);
-    let (lean_words, lean_result) = fit(Problem { lean: true, ..problem });
+    let (lean_words, lean_result) = fit(problem.with_lean(true));
     assert!(2 * lean_words < words, "{lean_words} words are not less than half of {words}");
     assert_eq!(lean_result, result);
     assert!(result.1.pixel_rmse < 0.1, "{}", result.1.pixel_rmse);
@@ -91,23 +81,16 @@ fn the_shape_follows_the_landmarks_before_the_picture() {
     let (pixels, truth) = photo(&model);
     let landmarks = landmarks(&model, &truth);
     let fit = |shape_samples: u32| {
-        let config = Config {
-            shape_rank: 6,
-            albedo_rank: 5,
-            landmark_samples: 600,
-            shape_samples,
-            samples: 10,
-            landmark_sd: 1.0,
-            ..Config::default()
-        };
-        let problem = Problem {
-            model: &model,
-            image: Image { pixels: &pixels, width: SIDE, height: SIDE },
-            landmarks: &landmarks,
-            config: &config,
-            engine: &Engine::PORTABLE,
-            lean: false,
-        };
+        let config = Config::default().with(|config| {
+            config.shape_rank = 6;
+            config.albedo_rank = 5;
+            config.landmark_samples = 600;
+            config.shape_samples = shape_samples;
+            config.samples = 10;
+            config.landmark_sd = 1.0;
+        });
+        let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
+        let problem = Problem::new(&model, image, &landmarks, &config);
         let mut memory = vec![0; problem.dimensions().words()];
         let mut chain = Chain::new(problem, 5, 0, &mut memory).expect("the problem fits together");
         let mut stages = Vec::new();

@@ -7,10 +7,9 @@ use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
 use onescan_core::chain::{Chain, Config, Problem};
+use onescan_core::hash::fnv64;
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
-use onescan_core::engine::Engine;
-use onescan_core::hash::fnv64;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
@@ -19,7 +18,12 @@ const SIDE: u32 = 24;
 const HEADER: usize = 16;
 
 fn config() -> Config {
-    Config { landmark_samples: 20, samples: 20, shape_rank: 3, albedo_rank: 3, ..Config::default() }
+    Config::default().with(|config| {
+        config.landmark_samples = 20;
+        config.samples = 20;
+        config.shape_rank = 3;
+        config.albedo_rank = 3;
+    })
 }
 
 /// The checkpoint of a fit that was stopped at once.
@@ -68,14 +72,8 @@ fuzz_target!(|data: &[u8]| {
     let pixels = [[90, 80, 70]; (SIDE * SIDE) as usize];
     let landmarks = [("a", [5.0, 18.0]), ("b", [18.0, 18.0]), ("c", [18.0, 5.0]), ("d", [5.0; 2])]
         .map(|(name, position)| Observation { name, position });
-    let problem = Problem {
-        model: &model,
-        image: Image { pixels: &pixels, width: SIDE, height: SIDE },
-        landmarks: &landmarks,
-        config: &config,
-        engine: &Engine::PORTABLE,
-        lean: true,
-    };
+    let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
+    let problem = Problem::new(&model, image, &landmarks, &config).with_lean(true);
     let mut memory = vec![0; problem.dimensions().words()];
     for chain in save.chains {
         if let Ok(mut chain) = Chain::resume(problem, chain.checkpoint, &mut memory) {

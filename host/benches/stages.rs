@@ -16,7 +16,9 @@ fn stages(criterion: &mut Criterion) {
         }
     }
 
-    let config = Config { samples: u32::MAX, ..Config::default() };
+    let config = Config::default().with(|config| {
+        config.samples = u32::MAX;
+    });
     let (model, landmarks) = (workload.model.view(), workload.observations());
     let problem = workload.problem(&model, &landmarks, &config);
     let mut memory = vec![0; problem.dimensions().words()];

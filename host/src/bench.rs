@@ -111,14 +111,8 @@ impl Workload {
         config: &'a Config,
     ) -> Problem<'a> {
         let Picture { width, height, ref rgb } = self.picture;
-        Problem {
-            model,
-            image: Image { pixels: rgb, width, height },
-            landmarks,
-            config,
-            engine: simd::best(),
-            lean: false,
-        }
+        let image = Image { pixels: rgb, width, height };
+        Problem::new(model, image, landmarks, config).with_engine(simd::best())
     }
 }
 
@@ -571,9 +565,12 @@ impl Run {
         search: bool,
         progress: &mut dyn FnMut(f64),
     ) -> Result<Self> {
-        let config = Config { samples: STEPS, search, ..Config::default() };
+        let config = Config::default().with(|config| {
+            config.samples = STEPS;
+            config.search = search;
+        });
         let (model, landmarks) = (workload.model.view(), workload.observations());
-        let problem = Problem { engine, ..workload.problem(&model, &landmarks, &config) };
+        let problem = workload.problem(&model, &landmarks, &config).with_engine(engine);
         let mut memory = vec![0_u32; problem.dimensions().words()];
         let mut times = vec![Duration::MAX; STEPS as usize];
         let mut evaluated = Vec::new();

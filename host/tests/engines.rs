@@ -2,16 +2,19 @@
 
 use onescan::bench::Workload;
 use onescan::simd;
-use onescan_core::chain::{Chain, Config, Problem};
+use onescan_core::chain::{Chain, Config};
 
 #[test]
 fn chains_are_the_same_on_every_engine() {
     let workload = Workload::new(&mut |_| ()).unwrap();
     let (model, landmarks) = (workload.model.view(), workload.observations());
-    let config = Config { landmark_samples: 300, samples: 400, ..Config::default() };
+    let config = Config::default().with(|config| {
+        config.landmark_samples = 300;
+        config.samples = 400;
+    });
     let mut results = Vec::new();
     for engine in simd::all() {
-        let problem = Problem { engine, ..workload.problem(&model, &landmarks, &config) };
+        let problem = workload.problem(&model, &landmarks, &config).with_engine(engine);
         let mut memory = vec![0; problem.dimensions().words()];
         let mut chain = Chain::new(problem, 5, 0, &mut memory).unwrap();
         while chain.step().is_some() {}

@@ -115,7 +115,10 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize) -> Case {
             photo: &photo,
             landmarks: &landmarks,
             crop: Crop::whole([photo.width, photo.height]),
-            config: Config { shape_rank: rank, albedo_rank: rank, ..Config::default() },
+            config: Config::default().with(|config| {
+                config.shape_rank = rank;
+                config.albedo_rank = rank;
+            }),
             seed: 7,
             chains: 1,
         };

@@ -250,17 +250,16 @@ fn start(model: &Model, photo: &Photo, landmarks: &str, settings: &str) -> Resul
     }
     let size = [photo.width, photo.height];
     let crop = Crop::around(&points, size, Crop::ENLARGE, settings.size)?;
-    let config = Config {
-        shape_rank: settings.shape_rank,
-        albedo_rank: settings.albedo_rank,
-        landmark_samples: settings.landmark_samples,
-        shape_samples: settings.shape_samples,
-        landmark_sd: settings.landmark_sd,
-        samples: settings.samples,
-        pixel_patch: settings.pixel_patch,
-        search: !settings.sampler,
-        ..Config::default()
-    };
+    let config = Config::default().with(|config| {
+        config.shape_rank = settings.shape_rank;
+        config.albedo_rank = settings.albedo_rank;
+        config.landmark_samples = settings.landmark_samples;
+        config.shape_samples = settings.shape_samples;
+        config.landmark_sd = settings.landmark_sd;
+        config.samples = settings.samples;
+        config.pixel_patch = settings.pixel_patch;
+        config.search = !settings.sampler;
+    });
     let memory = MutBorrow::new(Vec::new());
     let seed = settings.seed;
     let mut inputs = Inputs { model, photo, landmarks, crop, config, seed, memory };

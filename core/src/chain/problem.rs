@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 /// How a fit is done.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Config {
     /// Shape coefficients to infer.
     pub shape_rank: usize,
@@ -39,6 +40,18 @@ pub struct Config {
 }
 
 impl Config {
+    /// The same but for what `set` changes:
+    ///
+    /// ```
+    /// # use onescan_core::chain::Config;
+    /// let config = Config::default().with(|config| config.samples = 10_000);
+    /// ```
+    #[must_use]
+    pub fn with(mut self, set: impl FnOnce(&mut Self)) -> Self {
+        set(&mut self);
+        self
+    }
+
     /// Steps of all stages.
     pub fn steps(&self) -> u64 {
         self.stages().into_iter().map(u64::from).sum()
@@ -69,6 +82,7 @@ impl Default for Config {
 
 /// What is to be fitted to what, and how.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Problem<'a> {
     /// The model.
     pub model: &'a Model<'a>,
@@ -85,7 +99,29 @@ pub struct Problem<'a> {
     pub lean: bool,
 }
 
-impl Problem<'_> {
+impl<'a> Problem<'a> {
+    /// With [`Engine::PORTABLE`], and memory enough.
+    pub const fn new(
+        model: &'a Model<'a>,
+        image: Image<'a>,
+        landmarks: &'a [Observation<'a>],
+        config: &'a Config,
+    ) -> Self {
+        Self { model, image, landmarks, config, engine: &Engine::PORTABLE, lean: false }
+    }
+
+    /// The same, the expensive work done by `engine`.
+    #[must_use]
+    pub const fn with_engine(self, engine: &'a Engine) -> Self {
+        Self { engine, ..self }
+    }
+
+    /// The same, with [`lean`](Self::lean) as given.
+    #[must_use]
+    pub const fn with_lean(self, lean: bool) -> Self {
+        Self { lean, ..self }
+    }
+
     /// The sizes that determine the memory a chain needs.
     pub fn dimensions(&self) -> Dimensions {
         Dimensions {

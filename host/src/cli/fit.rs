@@ -175,17 +175,16 @@ impl Fit {
     }
 
     fn config(&self) -> Config {
-        Config {
-            shape_rank: self.shape_rank as usize,
-            albedo_rank: self.albedo_rank as usize,
-            landmark_samples: self.landmark_samples,
-            shape_samples: self.shape_samples,
-            samples: self.samples,
-            landmark_sd: self.landmark_sd,
-            pixel_patch: self.pixel_patch,
-            search: !self.sampler,
-            ..Config::default()
-        }
+        Config::default().with(|config| {
+            config.shape_rank = self.shape_rank as usize;
+            config.albedo_rank = self.albedo_rank as usize;
+            config.landmark_samples = self.landmark_samples;
+            config.shape_samples = self.shape_samples;
+            config.samples = self.samples;
+            config.landmark_sd = self.landmark_sd;
+            config.pixel_patch = self.pixel_patch;
+            config.search = !self.sampler;
+        })
     }
 }
 

@@ -181,14 +181,8 @@ impl<'a> Observed<'a> {
         engine: &'a Engine,
     ) -> Problem<'a> {
         let Picture { rgb, width, height } = &self.picture;
-        Problem {
-            model,
-            image: Image { pixels: rgb, width: *width, height: *height },
-            landmarks: &self.landmarks,
-            config,
-            engine,
-            lean: false,
-        }
+        let image = Image { pixels: rgb, width: *width, height: *height };
+        Problem::new(model, image, &self.landmarks, config).with_engine(engine)
     }
 }
 

@@ -8,8 +8,7 @@
 
 use core::fmt::{self, Write};
 use onescan_core::basis::padded;
-use onescan_core::chain::Dimensions;
-use onescan_core::chain::{Chain, Config, Problem, Quality};
+use onescan_core::chain::{Chain, Config, Dimensions, Problem, Quality};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
@@ -92,28 +91,23 @@ pub fn model() -> Option<Model<'static>> {
 #[inline(never)]
 pub fn fit(memory: &mut [u32], engine: &Engine, lean: bool) -> Option<Fitted> {
     let model = model()?;
-    let config = Config {
-        shape_rank: RANK,
-        albedo_rank: RANK,
-        landmark_samples: 1000,
-        samples: 2000,
-        landmark_sd: 1.0,
-        pixel_patch: 5.0,
-        ..Config::default()
-    };
+    let config = Config::default().with(|config| {
+        config.shape_rank = RANK;
+        config.albedo_rank = RANK;
+        config.landmark_samples = 1000;
+        config.samples = 2000;
+        config.landmark_sd = 1.0;
+        config.pixel_patch = 5.0;
+    });
     let landmarks: [Observation<'_>; MAX_LANDMARKS] = core::array::from_fn(|i| {
         let (name, position) = LANDMARKS.get(i).copied().unwrap_or_default();
         Observation { name, position }
     });
     let pixels = PHOTO.get(PPM_HEADER..)?.as_chunks().0;
-    let problem = Problem {
-        model: &model,
-        image: Image { pixels, width: SIDE as u32, height: SIDE as u32 },
-        landmarks: landmarks.get(..LANDMARKS.len())?,
-        config: &config,
-        engine,
-        lean,
-    };
+    let image = Image { pixels, width: SIDE as u32, height: SIDE as u32 };
+    let landmarks = landmarks.get(..LANDMARKS.len())?;
+    let problem =
+        Problem::new(&model, image, landmarks, &config).with_engine(engine).with_lean(lean);
     // Not moved out of the result: it is large.
     let mut chain = Chain::new(problem, SEED, 0, memory);
     let chain = chain.as_mut().ok()?;

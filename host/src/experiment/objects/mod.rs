@@ -47,7 +47,10 @@ const ANIMALS: u32 = 0xa1;
 /// How such fits are made (FACTS §6.1, §6.6): landmarks to 2 pixels, and between pose and picture
 /// a stage that lets the shape follow them.
 pub fn config() -> Config {
-    Config { landmark_sd: 2.0, shape_samples: 5000, ..Config::default() }
+    Config::default().with(|config| {
+        config.landmark_sd = 2.0;
+        config.shape_samples = 5000;
+    })
 }
 
 /// What it came to.
