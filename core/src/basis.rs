@@ -84,6 +84,48 @@ impl<'a> Basis<'a> {
         }
     }
 
+    /// The transpose of [`Basis::instance`]: adds `Σ_v Σ_axis √λ_k u_k[v, axis]·cost[v][axis]` to
+    /// `coefficients[k]`, so that what a field's entries cost becomes what the coefficients cost.
+    /// Vertices that cost nothing are skipped by the block.
+    #[inline(always)]
+    pub fn transposed(&self, cost: &[[f32; 4]], coefficients: &mut [f32]) {
+        let rank = self.rank();
+        let blocks = self.mean.len() / 3;
+        let (cost, _) = cost.as_chunks::<LANES>();
+        for (block, cost) in (0..blocks).zip(cost) {
+            if cost.as_flattened().iter().all(|&c| c == 0.0) {
+                continue;
+            }
+            let mut planes = [[0.0; LANES]; 3];
+            for (l, vertex) in cost.iter().enumerate() {
+                for axis in 0..3 {
+                    planes[axis][l] = vertex[axis];
+                }
+            }
+            let start = [block, blocks + block, 2 * blocks + block];
+            let [x, y, z] = start.map(|at| self.columns.get(at * rank..).unwrap_or_default());
+            let columns = x.iter().zip(y).zip(z);
+            for ((c, quantum), ((x, y), z)) in
+                coefficients.iter_mut().zip(self.quantum).zip(columns)
+            {
+                let mut lanes = [0.0_f32; LANES];
+                for l in 0..LANES {
+                    lanes[l] = planes[0][l] * f32::from(x[l])
+                        + planes[1][l] * f32::from(y[l])
+                        + planes[2][l] * f32::from(z[l]);
+                }
+                let mut half = LANES / 2;
+                while half > 0 {
+                    for l in 0..half {
+                        lanes[l] += lanes[l + half];
+                    }
+                    half /= 2;
+                }
+                *c += quantum * lanes[0];
+            }
+        }
+    }
+
     /// The mean at a vertex; zero if there is no such vertex.
     pub fn mean_at(&self, vertex: usize) -> [f32; 3] {
         let blocks = self.mean.len() / 3;

@@ -8,7 +8,7 @@ const BATCH: usize = 8;
 
 /// Words of memory [`System`] needs for `n` unknowns.
 pub(crate) const fn system_words(n: usize) -> usize {
-    (n + BATCH) * LANES * stride(n) + 3 * n
+    matrix_words(n) + BATCH * LANES * stride(n) + 3 * n
 }
 
 /// Groups of lanes of a row of `n` numbers, at least one.
@@ -107,11 +107,21 @@ impl<'s> System<'s> {
 
     /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
     pub(crate) fn add(&mut self, which: usize, weight: f32, residual: f32) {
-        // There is room: the batch is emptied when full.
+        let Some(row) = self.rows.get(which) else { return };
         let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
-        let (Some(place), Some(row)) = (place, self.rows.get(which)) else { return };
-        let Some(place) = place.as_flattened_mut().get_mut(..row.len()) else { return };
-        place.copy_from_slice(row);
+        put(place, row);
+        self.weigh(weight, residual);
+    }
+
+    /// Adds a weighted equation whose row is the caller's.
+    pub(crate) fn add_row(&mut self, row: &[f32], weight: f32, residual: f32) {
+        let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
+        put(place, row);
+        self.weigh(weight, residual);
+    }
+
+    fn weigh(&mut self, weight: f32, residual: f32) {
+        // There is room: the batch is emptied when full.
         let _ = self.waiting.push((weight, residual));
         if self.waiting.is_full() {
             self.flush();
@@ -127,51 +137,99 @@ impl<'s> System<'s> {
         self.waiting.clear();
     }
 
-    /// Solves by Cholesky's method `A = UᵀU`, in place; `None` if the matrix is not positive
-    /// definite.
-    ///
-    /// Eliminates a row at a time: every inner loop but one adds a multiple of one row to another.
+    /// Solves `A δ = b`, in place; `None` if the matrix is not positive definite.
     pub(crate) fn solve(&mut self) -> Option<&[f32]> {
         self.flush();
-        let (n, stride) = (self.n, stride(self.n));
-        let subtract = |from: &mut [f32], factor: f32, row: &[f32]| {
-            for (x, r) in from.iter_mut().zip(row) {
-                *x -= factor * r;
-            }
-        };
-        let (mut a, mut b) = (&mut *self.a, &mut *self.b);
-        for k in 0..n {
-            // The rows from k on; of them only the columns from k to n are of consequence.
-            let (row, below) = core::mem::take(&mut a).split_at_mut_checked(stride)?;
-            let (y, rest) = core::mem::take(&mut b).split_first_mut()?;
-            let (pivot, row) = row.as_flattened_mut().get_mut(k..n)?.split_first_mut()?;
-            if !(*pivot > 0.0) {
-                return None;
-            }
-            let inverse = 1.0 / math::sqrt(*pivot);
-            *pivot *= inverse;
-            for x in row.iter_mut() {
-                *x *= inverse;
-            }
-            for (i, lower) in below.chunks_exact_mut(stride).enumerate() {
-                let tail = row.get(i..).unwrap_or_default();
-                let [factor, ..] = tail else { break };
-                let lower = lower.as_flattened_mut().get_mut(k + 1 + i..).unwrap_or_default();
-                subtract(lower, *factor, tail);
-            }
-            // Uᵀ y = b on the way.
-            *y *= inverse;
-            subtract(rest, *y, row);
-            (a, b) = (below, rest);
-        }
-        for (i, row) in self.a.chunks_exact(stride).enumerate().rev() {
-            let (pivot, row) = row.as_flattened().get(i..n)?.split_first()?;
-            let (x, solved) = self.b.get_mut(i..)?.split_first_mut()?;
-            let dot: f32 = row.iter().zip(&*solved).map(|(u, x)| u * x).sum();
-            *x = (*x - dot) / pivot;
-        }
-        self.b.iter().all(|x| x.is_finite()).then_some(self.b)
+        cholesky(self.a, self.b)?;
+        Some(self.b)
     }
+
+    /// Adds to the right side.
+    pub(crate) fn push(&mut self, gradient: &[f32]) {
+        for (b, g) in self.b.iter_mut().zip(gradient) {
+            *b += g;
+        }
+    }
+
+    /// Solves `(A + λ diag A + D) δ = b` into `step` and leaves the equations as they are; `matrix`
+    /// is scratch of [`matrix_words`]. `None` if the matrix is not positive definite.
+    pub(crate) fn solve_damped(
+        &mut self,
+        lambda: f32,
+        damping: impl Fn(usize) -> f32,
+        matrix: &mut [f32],
+        step: &mut [f32],
+    ) -> Option<()> {
+        self.flush();
+        let matrix = matrix.as_chunks_mut().0;
+        let matrix = matrix.get_mut(..self.a.len())?;
+        matrix.copy_from_slice(self.a);
+        let step = step.get_mut(..self.n)?;
+        step.copy_from_slice(self.b);
+        for (i, row) in matrix.chunks_exact_mut(stride(self.n)).enumerate() {
+            let Some(x) = row.as_flattened_mut().get_mut(i) else { continue };
+            *x += lambda * *x + damping(i);
+        }
+        cholesky(matrix, step)
+    }
+}
+
+/// Copies a row to its place in the batch.
+fn put(place: Option<&mut [[f32; LANES]]>, row: &[f32]) {
+    let place = place.and_then(|place| place.as_flattened_mut().get_mut(..row.len()));
+    if let Some(place) = place {
+        place.copy_from_slice(row);
+    }
+}
+
+/// Words of a matrix of `n` unknowns.
+pub(crate) const fn matrix_words(n: usize) -> usize {
+    n * LANES * stride(n)
+}
+
+/// Solves by Cholesky's method `A = UᵀU`, in place; `None` if the matrix is not positive definite.
+///
+/// Eliminates a row at a time: every inner loop but one adds a multiple of one row to another.
+fn cholesky(matrix: &mut [[f32; LANES]], vector: &mut [f32]) -> Option<()> {
+    let n = vector.len();
+    let stride = stride(n);
+    let subtract = |from: &mut [f32], factor: f32, row: &[f32]| {
+        for (x, r) in from.iter_mut().zip(row) {
+            *x -= factor * r;
+        }
+    };
+    let (mut a, mut b) = (&mut *matrix, &mut *vector);
+    for k in 0..n {
+        // The rows from k on; of them only the columns from k to n are of consequence.
+        let (row, below) = core::mem::take(&mut a).split_at_mut_checked(stride)?;
+        let (y, rest) = core::mem::take(&mut b).split_first_mut()?;
+        let (pivot, row) = row.as_flattened_mut().get_mut(k..n)?.split_first_mut()?;
+        if !(*pivot > 0.0) {
+            return None;
+        }
+        let inverse = 1.0 / math::sqrt(*pivot);
+        *pivot *= inverse;
+        for x in row.iter_mut() {
+            *x *= inverse;
+        }
+        for (i, lower) in below.chunks_exact_mut(stride).enumerate() {
+            let tail = row.get(i..).unwrap_or_default();
+            let [factor, ..] = tail else { break };
+            let lower = lower.as_flattened_mut().get_mut(k + 1 + i..).unwrap_or_default();
+            subtract(lower, *factor, tail);
+        }
+        // Uᵀ y = b on the way.
+        *y *= inverse;
+        subtract(rest, *y, row);
+        (a, b) = (below, rest);
+    }
+    for (i, row) in matrix.chunks_exact(stride).enumerate().rev() {
+        let (pivot, row) = row.as_flattened().get(i..n)?.split_first()?;
+        let (x, solved) = vector.get_mut(i..)?.split_first_mut()?;
+        let dot: f32 = row.iter().zip(&*solved).map(|(u, x)| u * x).sum();
+        *x = (*x - dot) / pivot;
+    }
+    vector.iter().all(|x| x.is_finite()).then_some(())
 }
 
 #[cfg(test)]

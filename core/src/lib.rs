@@ -11,6 +11,7 @@
 //! | picture, landmarks, coefficients → log density | [`image`], [`likelihood`] |
 //! | hypothesis → next hypothesis | [`proposal`], [`rng`] |
 //! | Metropolis–Hastings, filters, stages | [`chain`] |
+//! | the mode of the posterior, by Levenberg–Marquardt | [`search`], [`least_squares`] |
 //! | memory for all of it | [`memory`], [`chain::Dimensions`] |
 //! | the expensive stages, exchangeable | [`engine`] |
 //! | oracles for the tests | [`naive`] |
@@ -50,3 +51,4 @@ pub mod proposal;
 pub mod render;
 pub mod rng;
 pub mod scene;
+pub mod search;

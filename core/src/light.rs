@@ -16,7 +16,7 @@ const N: [f32; 5] = [0.282_094_8, 0.488_602_5, 1.092_548_4, 0.315_391_57, 0.546_
 const K: [f32; 3] = [3.141593, 2.094395, 0.785398];
 
 /// `k_i·N_i`: what multiplies the polynomial of basis function `i`.
-const SCALE: [f32; 9] = [
+pub(crate) const SCALE: [f32; 9] = [
     K[0] * N[0],
     K[1] * N[1],
     K[1] * N[1],
@@ -135,6 +135,23 @@ impl ModelLight {
                 + t[8][c] * s;
         }
         radiance
+    }
+}
+
+impl ModelLight {
+    /// `Σ_c weight_c ∇ radiance_c` at a point of the model's frame; tangential and radial part.
+    #[inline(always)]
+    pub fn gradient(&self, [x, y, z]: [f32; 3], weights: [f32; 3]) -> [f32; 3] {
+        let t = &self.terms;
+        let mut gradient = [0.0; 3];
+        for c in 0..3 {
+            let k = weights[c];
+            let (d, s) = (t[7][c], t[8][c]);
+            gradient[0] += k * (t[1][c] + t[4][c] * y + t[6][c] * z + 2.0 * x * (d - s));
+            gradient[1] += k * (t[2][c] + t[4][c] * x + t[5][c] * z - 2.0 * y * (d + s));
+            gradient[2] += k * (t[3][c] + t[5][c] * y + t[6][c] * x + 4.0 * z * s);
+        }
+        gradient
     }
 }
 

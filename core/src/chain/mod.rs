@@ -19,7 +19,7 @@ use crate::math;
 use crate::memory::Carver;
 use crate::proposal::{self, Branch, CENTRES, MAX_LEAVES, Part, Surroundings, Table, Touched};
 use crate::rng::Rng;
-use crate::scene::{MAX_RANK, Scene};
+use crate::scene::Scene;
 pub use dimensions::Dimensions;
 use pipeline::{Pipeline, Proposed};
 pub use problem::{ChainError, Config, Problem};
@@ -263,42 +263,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
         let Problem { model, image, landmarks, config, .. } = problem;
-        let pixels = (image.width as usize).checked_mul(image.height as usize);
-        if image.pixels.is_empty() || pixels != Some(image.pixels.len()) {
-            return Err(ChainError::Image);
-        }
-        if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
-            return Err(ChainError::LandmarkCount { found: landmarks.len() });
-        }
-        let found = config.shape_rank.max(config.albedo_rank);
-        if found > MAX_RANK {
-            return Err(ChainError::Rank { found });
-        }
-        let prior = &config.prior;
-        let sds = [
-            config.landmark_sd,
-            config.pixel_sd,
-            config.pixel_patch,
-            prior.distance,
-            prior.distance_sd,
-            prior.principal_point_sd,
-            prior.gain_sd,
-            prior.contrast_sd,
-            prior.offset_sd,
-        ];
-        if sds.iter().any(|sd| !(*sd > 0.0 && sd.is_finite())) {
-            return Err(ChainError::Config);
-        }
-        let mut observed = heapless::Vec::<_, MAX_LANDMARKS>::new();
-        for (index, landmark) in landmarks.iter().enumerate() {
-            let vertex =
-                model.landmark(landmark.name).ok_or(ChainError::UnknownLandmark { index })?;
-            if !landmark.position.iter().all(|x| x.is_finite()) {
-                return Err(ChainError::LandmarkPosition { index });
-            }
-            // The count was checked.
-            let _ = observed.push((vertex, landmark.position));
-        }
+        let observed = problem.check()?;
         let centres = CENTRES.map(|name| landmarks.iter().position(|l| l.name == name));
         let scene = &progress.state.scene;
         let applies = |branch: &Branch| {

@@ -99,7 +99,52 @@ pub struct Problem<'a> {
     pub lean: bool,
 }
 
+/// Vertex and observed position of every landmark.
+pub(crate) type Observed = heapless::Vec<(u32, [f32; 2]), MAX_LANDMARKS>;
+
 impl<'a> Problem<'a> {
+    /// Looks whether everything fits together, and finds the landmarks' vertices.
+    pub(crate) fn check(&self) -> Result<Observed, ChainError> {
+        let Self { model, image, landmarks, config, .. } = *self;
+        let pixels = (image.width as usize).checked_mul(image.height as usize);
+        if image.pixels.is_empty() || pixels != Some(image.pixels.len()) {
+            return Err(ChainError::Image);
+        }
+        if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
+            return Err(ChainError::LandmarkCount { found: landmarks.len() });
+        }
+        let found = config.shape_rank.max(config.albedo_rank);
+        if found > MAX_RANK {
+            return Err(ChainError::Rank { found });
+        }
+        let prior = &config.prior;
+        let sds = [
+            config.landmark_sd,
+            config.pixel_sd,
+            config.pixel_patch,
+            prior.distance,
+            prior.distance_sd,
+            prior.principal_point_sd,
+            prior.gain_sd,
+            prior.contrast_sd,
+            prior.offset_sd,
+        ];
+        if sds.iter().any(|sd| !(*sd > 0.0 && sd.is_finite())) {
+            return Err(ChainError::Config);
+        }
+        let mut observed = Observed::new();
+        for (index, landmark) in landmarks.iter().enumerate() {
+            let vertex =
+                model.landmark(landmark.name).ok_or(ChainError::UnknownLandmark { index })?;
+            if !landmark.position.iter().all(|x| x.is_finite()) {
+                return Err(ChainError::LandmarkPosition { index });
+            }
+            // The count was checked.
+            let _ = observed.push((vertex, landmark.position));
+        }
+        Ok(observed)
+    }
+
     /// With [`Engine::PORTABLE`], and memory enough.
     pub const fn new(
         model: &'a Model<'a>,

@@ -9,10 +9,10 @@ use crate::model::process::{Deviation, Half};
 use crate::model_file::OwnedModel;
 use onescan_core::basis::{LANES, padded};
 use onescan_core::hash::fnv64;
+use onescan_core::model::MAX_TRIANGLES;
 use onescan_core::model::{
     CHECKED_FROM, HEADER_BYTES, MAGIC, SECTION_ALIGN, Section, TABLE_AT, VERSION,
 };
-use onescan_core::model::MAX_TRIANGLES;
 use rayon::prelude::*;
 
 /// A model of one mesh that never deviates from it: for drawing the mesh.

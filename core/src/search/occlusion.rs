@@ -1,0 +1,54 @@
+//! Where a face is likely to be hidden, and what of a picture shows it.
+//!
+//! A covered pixel shows the face, `N(colour, σ²)`, or something before it, distributed as the
+//! picture outside the face is (Egger et al. 2018; the paper's supplement). Before the picture is
+//! seen, a point of the face is hidden with probability ε: hardly within the face, mostly above
+//! the brows and at the sides, where hair is.
+
+use super::vector::Vec3;
+use crate::model::Model;
+
+/// ε within the face.
+const INSIDE: f32 = 0.02;
+/// ε where hair is likely.
+const HAIR: f32 = 0.8;
+/// Where it begins to grow: mm above the brows' upper edge, and the mm over which it does.
+const ABOVE_BROWS: [f32; 2] = [5.0, 15.0];
+/// The same sideways, in units of the distance of the eyes' outer corners from the middle.
+const SIDEWAYS: [f32; 2] = [1.31, 0.27];
+/// ε of a model without these landmarks.
+const ANYWHERE: f32 = 0.1;
+
+/// Prior probability that a point is hidden, by its place on the mean face.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hiding {
+    /// Height of the brows and half the distance of the eyes' outer corners; `None` of a model
+    /// that has not the landmarks of a face.
+    face: Option<[f32; 2]>,
+}
+
+impl Hiding {
+    pub(super) fn of(model: &Model<'_>) -> Self {
+        let place = |name: &str| Some(model.shape.mean_at(model.landmark(name)? as usize));
+        let face = || {
+            let brows = model
+                .landmarks()
+                .filter(|(name, _)| name.contains("eyebrow") && name.contains("upper"))
+                .map(|(_, vertex)| model.shape.mean_at(vertex as usize)[1])
+                .reduce(crate::math::more)?;
+            let [left, right] = [place("left.eye.corner_outer")?, place("right.eye.corner_outer")?];
+            Some([brows, 0.5 * (left[0] - right[0])])
+        };
+        Self { face: face().filter(|[_, eyes]| *eyes > 0.0) }
+    }
+
+    /// ε at a point of the mean face.
+    pub(super) fn at(&self, [x, y, _]: Vec3) -> f32 {
+        let Some([brows, eyes]) = self.face else { return ANYWHERE };
+        let ramp = |x: f32, [start, width]: [f32; 2]| ((x - start) / width).clamp(0.0, 1.0);
+        let above = ramp(y - brows, ABOVE_BROWS);
+        let side = if x < 0.0 { -x } else { x };
+        let beside = ramp(side / eyes, SIDEWAYS);
+        INSIDE + (HAIR - INSIDE) * crate::math::more(above, beside)
+    }
+}

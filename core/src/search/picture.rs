@@ -1,0 +1,121 @@
+//! The photo as planes of numbers, at the resolution a level of the search looks at.
+
+use crate::likelihood::background::{BINS, HISTOGRAM_LEN, bin};
+use crate::math;
+
+/// The widest blur, pixels.
+pub(super) const MAX_BLUR: f32 = 4.0;
+/// Taps to each side of the widest blur: three standard deviations.
+const REACH: usize = 12;
+
+/// One half of a Gaussian, the centre first.
+struct Kernel {
+    taps: [f32; REACH + 1],
+    reach: usize,
+}
+
+impl Kernel {
+    fn new(sd: f32) -> Self {
+        let mut taps = [0.0; REACH + 1];
+        let reach = (math::ceil(3.0 * sd.min(MAX_BLUR)).max(0) as usize).min(REACH);
+        for (i, tap) in taps.iter_mut().enumerate().take(reach + 1) {
+            let x = i as f64 / f64::from(sd);
+            *tap = math::exp(-0.5 * x * x) as f32;
+        }
+        Self { taps, reach }
+    }
+
+    /// `out = Σ tap · values`, over lines of `width` numbers that lie `line` apart; what lies
+    /// outside counts as unknown.
+    fn along(&self, values: &[f32], out: &mut [f32], step: usize, count: usize) {
+        // Numbers `step` apart are neighbours, `count` of them in a line.
+        let Some(lines) = values.len().checked_div(step * count) else { return };
+        for line in 0..lines {
+            let range = line * step * count..(line + 1) * step * count;
+            let (Some(values), Some(out)) = (values.get(range.clone()), out.get_mut(range)) else {
+                return;
+            };
+            out.fill(0.0);
+            for (i, &tap) in self.taps.iter().enumerate().take(self.reach + 1) {
+                let shift = (i * step).min(values.len());
+                let (ahead, here) = (values.get(shift..).unwrap_or_default(), &mut *out);
+                for (o, v) in here.iter_mut().zip(ahead) {
+                    *o += tap * v;
+                }
+                if i > 0 {
+                    for (o, v) in out.get_mut(shift..).unwrap_or_default().iter_mut().zip(values) {
+                        *o += tap * v;
+                    }
+                }
+            }
+            for (place, out) in out.chunks_exact_mut(step).enumerate() {
+                let inside = |i: usize| i <= place || i + place < count;
+                let _ = inside;
+                let mut sum = self.taps[0];
+                for (i, &tap) in self.taps.iter().enumerate().take(self.reach + 1).skip(1) {
+                    sum += if place >= i { tap } else { 0.0 };
+                    sum += if place + i < count { tap } else { 0.0 };
+                }
+                let k = 1.0 / sum;
+                for o in out {
+                    *o *= k;
+                }
+            }
+        }
+    }
+}
+
+/// Blurs a plane of `width`-long rows by a Gaussian of standard deviation `sd` pixels (at most
+/// [`MAX_BLUR`]), leaving out what lies beyond the border. `scratch` is as long.
+pub(super) fn blur(plane: &mut [f32], scratch: &mut [f32], width: usize, sd: f32) {
+    let Some(height) = plane.len().checked_div(width) else { return };
+    if !(sd > 0.0) || height == 0 {
+        return;
+    }
+    let kernel = Kernel::new(sd);
+    kernel.along(plane, scratch, width, height);
+    kernel.along(scratch, plane, 1, width);
+}
+
+/// Share of a colour nobody has seen that the background may yet have.
+const UNSEEN: f32 = 0.2;
+
+/// Fills `ln_density` with the log density of each pixel's colour under the histogram of those
+/// for which `outside` holds, smoothed by a bin, with a uniform part. Densities are over
+/// `[0, 1]³`. `histogram` is scratch of [`HISTOGRAM_LEN`].
+pub(super) fn ln_background(
+    pixels: &[[u8; 3]],
+    outside: impl Fn(usize) -> bool,
+    histogram: &mut [f32],
+    ln_density: &mut [f32],
+) {
+    histogram.fill(0.0);
+    let mut total = 0.0_f32;
+    for (_, &pixel) in pixels.iter().enumerate().filter(|&(i, _)| outside(i)) {
+        if let Some(count) = histogram.get_mut(bin(pixel)) {
+            *count += 1.0;
+            total += 1.0;
+        }
+    }
+    for step in [BINS * BINS, BINS, 1] {
+        for block in histogram.chunks_exact_mut(step * BINS) {
+            for offset in 0..step {
+                let mut before = block.get(offset).copied().unwrap_or(0.0);
+                for i in 0..BINS {
+                    let here = block.get(offset + i * step).copied().unwrap_or(0.0);
+                    let next = if i + 1 < BINS { block.get(offset + (i + 1) * step) } else { None };
+                    let next = next.copied().unwrap_or(here);
+                    if let Some(count) = block.get_mut(offset + i * step) {
+                        *count = 0.5 * here + 0.25 * (before + next);
+                    }
+                    before = here;
+                }
+            }
+        }
+    }
+    let seen = (1.0 - UNSEEN) * HISTOGRAM_LEN as f32 / total.max(1.0);
+    for (ln, &pixel) in ln_density.iter_mut().zip(pixels) {
+        let count = histogram.get(bin(pixel)).copied().unwrap_or(0.0);
+        *ln = math::ln(f64::from(UNSEEN + seen * count)) as f32;
+    }
+}

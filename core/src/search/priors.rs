@@ -1,0 +1,181 @@
+//! What is known of pose, camera, light and colours before the picture is seen.
+
+use super::unknowns::{LIGHT, Layout};
+use crate::least_squares::System;
+use crate::light::{self, Light, SCALE};
+use crate::likelihood::prior::Prior;
+use crate::math;
+use crate::scene::Scene;
+
+/// Band of each spherical-harmonics coefficient.
+const BAND: [usize; 9] = [0, 1, 1, 1, 2, 2, 2, 2, 2];
+
+/// Widths of the priors that only the search uses. Radiances are of a white surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Widths {
+    /// Of the mean of the channels' light, by band: radiance at the band's brightest normal.
+    pub intensity: [f32; 3],
+    /// Of a channel's light about that mean, by band.
+    pub chroma: [f32; 3],
+    /// Of the logarithm of the focal length about the default camera's.
+    pub focal: f32,
+    /// Of the object's place, mm across.
+    pub translation: f32,
+    /// Precision of an albedo coefficient, by which the image term's errors that are wide in
+    /// space (shadows, gloss) are kept out of the albedo.
+    pub albedo_precision: f32,
+}
+
+impl Default for Widths {
+    /// A face lit by about white light, more or less from the front.
+    fn default() -> Self {
+        Self {
+            intensity: [0.12, 0.25, 0.15],
+            chroma: [0.04, 0.03, 0.02],
+            focal: 0.5,
+            translation: 200.0,
+            albedo_precision: 1.0,
+        }
+    }
+}
+
+/// `½ (x/sd)²`.
+fn energy(x: f32, sd: f32) -> f64 {
+    let z = f64::from(x) / f64::from(sd);
+    0.5 * z * z
+}
+
+fn precision(sd: f32) -> f32 {
+    1.0 / (sd * sd)
+}
+
+fn sum_of_squares(values: &[f32]) -> f64 {
+    values.iter().map(|&x| f64::from(x) * f64::from(x)).sum()
+}
+
+/// The priors of a search.
+pub(super) struct Priors<'a> {
+    pub(super) prior: &'a Prior,
+    pub(super) widths: Widths,
+    /// The default camera's.
+    pub(super) focal_length: f32,
+}
+
+impl Priors<'_> {
+    fn ln_distance(&self, scene: &Scene) -> f32 {
+        math::ln(f64::from(-scene.pose.translation[2] / self.prior.distance)) as f32
+    }
+
+    fn ln_focal(&self, scene: &Scene) -> f32 {
+        math::ln(f64::from(scene.camera.focal_length / self.focal_length)) as f32
+    }
+
+    /// Standard deviations of a light coefficient's mean and of its channels about it.
+    fn light(&self, i: usize) -> (f32, f32) {
+        let band = BAND.get(i).copied().unwrap_or(0);
+        let at = |widths: [f32; 3]| widths.get(band).copied().unwrap_or(1.0);
+        let scale = [SCALE[0], SCALE[1], SCALE[4]];
+        let scale = scale.get(band).copied().unwrap_or(1.0);
+        (at(self.widths.intensity) / scale, at(self.widths.chroma) / scale)
+    }
+
+    /// Negative log density, up to a constant; infinite if the object is not before the camera.
+    pub(super) fn energy(&self, scene: &Scene) -> f64 {
+        let Self { prior, widths, .. } = self;
+        if !(scene.pose.translation[2] < 0.0) || !(scene.camera.focal_length > 0.0) {
+            return f64::INFINITY;
+        }
+        let mut sum = 0.5 * sum_of_squares(&scene.shape)
+            + 0.5 * f64::from(widths.albedo_precision) * sum_of_squares(&scene.albedo)
+            + energy(self.ln_distance(scene), prior.distance_sd)
+            + energy(self.ln_focal(scene), widths.focal);
+        for axis in 0..2 {
+            sum += energy(scene.pose.translation[axis], widths.translation);
+        }
+        for c in 0..3 {
+            sum += energy(scene.color.gain[c] - 1.0, prior.gain_sd)
+                + energy(scene.color.offset[c], prior.offset_sd);
+        }
+        sum += energy(scene.color.contrast - 1.0, prior.contrast_sd);
+        let expected = light::frontal();
+        for (i, (channels, expected)) in scene.light.iter().zip(expected).enumerate() {
+            let (intensity, chroma) = self.light(i);
+            let mean = mean(*channels);
+            sum += energy(mean - expected[0], intensity);
+            for channel in channels {
+                sum += energy(channel - mean, chroma);
+            }
+        }
+        sum
+    }
+
+    /// Adds the priors to the equations; `row` is scratch as long as there are unknowns.
+    pub(super) fn add(&self, scene: &Scene, layout: Layout, system: &mut System<'_>) {
+        let Self { prior, widths, .. } = self;
+        let mut at = 0;
+        let mut pull = |system: &mut System<'_>, precision: f32, x: f32| {
+            system.pull(at, precision, x);
+            at += 1;
+        };
+        // The rotation is uniform; zoom and recede come below.
+        for _ in 0..3 {
+            pull(system, 0.0, 0.0);
+        }
+        for axis in 0..2 {
+            let x = scene.pose.translation[axis];
+            pull(system, precision(widths.translation), x);
+        }
+        pull(system, 0.0, 0.0);
+        pull(system, precision(prior.distance_sd), self.ln_distance(scene));
+        for &c in &scene.shape {
+            pull(system, 1.0, c);
+        }
+        for &c in &scene.albedo {
+            pull(system, widths.albedo_precision, c);
+        }
+        for _ in 0..LIGHT {
+            pull(system, 0.0, 0.0);
+        }
+        for gain in scene.color.gain {
+            pull(system, precision(prior.gain_sd), gain - 1.0);
+        }
+        pull(system, precision(prior.contrast_sd), scene.color.contrast - 1.0);
+        for offset in scene.color.offset {
+            pull(system, precision(prior.offset_sd), offset);
+        }
+        // The logarithm of the focal length is the sum of two unknowns.
+        couple(system, &[(5, 1.0), (6, 1.0)], precision(widths.focal), self.ln_focal(scene));
+        let expected: Light = light::frontal();
+        for (i, (channels, expected)) in scene.light.iter().zip(expected).enumerate() {
+            let (intensity, chroma) = self.light(i);
+            let first = layout.light() + 3 * i;
+            let third = 1.0 / 3.0;
+            let all = [(first, third), (first + 1, third), (first + 2, third)];
+            let mean = mean(*channels);
+            couple(system, &all, precision(intensity), mean - expected[0]);
+            for (c, channel) in channels.iter().enumerate() {
+                let mut apart = all.map(|(at, _)| (at, -third));
+                if let Some((_, weight)) = apart.get_mut(c) {
+                    *weight += 1.0;
+                }
+                couple(system, &apart, precision(chroma), channel - mean);
+            }
+        }
+    }
+}
+
+fn mean([r, g, b]: [f32; 3]) -> f32 {
+    (r + g + b) * (1.0 / 3.0)
+}
+
+/// Adds `½ w (x + Σ kᵢ δᵢ)²`.
+fn couple(system: &mut System<'_>, terms: &[(usize, f32)], weight: f32, x: f32) {
+    let row = &mut system.rows[0];
+    row.fill(0.0);
+    for &(at, k) in terms {
+        if let Some(entry) = row.get_mut(at) {
+            *entry = k;
+        }
+    }
+    system.add(0, weight, -x);
+}

@@ -1,0 +1,143 @@
+//! One pixel's colour and its derivatives, by reverse differentiation.
+//!
+//! `c = M·(a ∘ ρ(n)) + o` with `n = ñ/‖ñ‖`, where `ñ = Σ bᵢnᵢ` and `a = Σ bᵢaᵢ` are interpolated
+//! between the corners. Given `γ = ∂E/∂c`, with `τ = Mᵀγ`:
+//!
+//! * `∂E/∂a = τ ∘ ρ`, `∂E/∂ρ = τ ∘ a`;
+//! * `∂E/∂n = Σ_c (∂E/∂ρ_c) ∇ρ_c(n)`, `∂E/∂ñ = (I − n nᵀ) ∂E/∂n / ‖ñ‖`;
+//! * light, gain, contrast and offset enter linearly.
+//!
+//! A pixel stays where it is while the surface moves under it: what moves by `δp` in the window
+//! brings the attributes of `p − δp`. Hence `∂E/∂p = −Σᵢ qᵢ ∇bᵢ`, `qᵢ = ∂E/∂ñ·nᵢ + ∂E/∂a·aᵢ`:
+//! the derivative of the rendered picture, not of the photo. (The photo's gradient converges
+//! faster, but pulls the face to whatever edge is near, such as the hair's.)
+
+use super::unknowns::COLOR;
+use super::vector::{Vec3, add, apply, apply_transposed, dot, scale, sub, times};
+use crate::color::{ColorTransform, LUMINANCE, color_matrix};
+use crate::light::{self, ModelLight};
+use crate::math;
+use crate::scene::Scene;
+
+/// Light and colour transform of a scene.
+pub(super) struct Shading {
+    light: ModelLight,
+    mix: [Vec3; 3],
+    color: ColorTransform,
+    rotation: [Vec3; 3],
+}
+
+/// A visible point of the surface: its corners' attributes and its colour.
+#[derive(Clone, Copy)]
+pub(super) struct Point {
+    /// Weights of the corners.
+    pub(super) weights: Vec3,
+    /// Normals of the corners.
+    pub(super) normals: [Vec3; 3],
+    /// Albedo of the corners.
+    pub(super) albedos: [Vec3; 3],
+    normal: Vec3,
+    inverse_length: f32,
+    albedo: Vec3,
+    radiance: Vec3,
+    /// The colour, not clamped.
+    pub(super) color: Vec3,
+}
+
+/// What a colour's change costs, passed back to what the colour is made of.
+#[derive(Clone, Copy)]
+pub(super) struct Adjoint {
+    /// Of the interpolated normal before it is normalised, model frame.
+    pub(super) normal: Vec3,
+    /// Of the interpolated albedo.
+    pub(super) albedo: Vec3,
+    /// Of the radiance: times [`Adjoint::harmonics`], of the light's coefficients.
+    pub(super) radiance: Vec3,
+    /// `k∘Y` of the normal.
+    pub(super) harmonics: [f32; 9],
+    /// Of gain, contrast and offset.
+    pub(super) color: [f32; COLOR],
+}
+
+impl Shading {
+    pub(super) fn new(scene: &Scene) -> Self {
+        let rotation = scene.pose.rotation();
+        Self {
+            light: ModelLight::new(&scene.light, &rotation),
+            mix: color_matrix(&scene.color),
+            color: scene.color,
+            rotation,
+        }
+    }
+
+    /// The point with these weights between three corners' normals and albedos.
+    #[inline(always)]
+    pub(super) fn point(&self, weights: Vec3, normals: [Vec3; 3], albedos: [Vec3; 3]) -> Point {
+        let blend = |v: [Vec3; 3]| {
+            let [a, b, c] = v;
+            add(add(scale(a, weights[0]), scale(b, weights[1])), scale(c, weights[2]))
+        };
+        let (n, albedo) = (blend(normals), blend(albedos));
+        let inverse_length = math::rsqrt(dot(n, n));
+        let normal = scale(n, inverse_length);
+        let radiance = self.light.radiance(normal);
+        let color = add(apply(&self.mix, times(albedo, radiance)), self.color.offset);
+        Point { weights, normals, albedos, normal, inverse_length, albedo, radiance, color }
+    }
+
+    /// Passes `∂E/∂c` back.
+    #[inline(always)]
+    pub(super) fn adjoint(&self, point: &Point, gradient: Vec3) -> Adjoint {
+        let mixed = apply_transposed(&self.mix, gradient);
+        let radiance = times(mixed, point.albedo);
+        let n = point.normal;
+        let by_normal = self.light.gradient(n, radiance);
+        let across = sub(by_normal, scale(n, dot(n, by_normal)));
+        let lit = times(point.albedo, point.radiance);
+        let luminance = dot(lit, LUMINANCE);
+        let contrast = self.color.contrast;
+        let grey = (1.0 - contrast) * luminance;
+        let mut color = [0.0; COLOR];
+        for c in 0..3 {
+            color[c] = gradient[c] * (contrast * lit[c] + grey);
+            color[3] += gradient[c] * self.color.gain[c] * (lit[c] - luminance);
+            color[4 + c] = gradient[c];
+        }
+        Adjoint {
+            normal: scale(across, point.inverse_length),
+            albedo: times(mixed, point.radiance),
+            radiance,
+            harmonics: light::basis(apply(&self.rotation, n)),
+            color,
+        }
+    }
+}
+
+impl Adjoint {
+    /// `∂E/∂p`: what it costs that the surface moves in the window. `slopes` are the gradients of
+    /// the corners' weights.
+    #[inline(always)]
+    pub(super) fn motion(&self, point: &Point, slopes: &[[f32; 2]; 3]) -> [f32; 2] {
+        let mut motion = [0.0; 2];
+        for (slope, (normal, albedo)) in
+            slopes.iter().zip(point.normals.into_iter().zip(point.albedos))
+        {
+            let q = dot(self.normal, normal) + dot(self.albedo, albedo);
+            motion[0] -= q * slope[0];
+            motion[1] -= q * slope[1];
+        }
+        motion
+    }
+}
+
+/// Gradients of a window triangle's three barycentric coordinates, per pixel; zero if it has no
+/// area.
+#[inline(always)]
+pub(super) fn slopes([a, b, c]: [[f32; 2]; 3]) -> [[f32; 2]; 3] {
+    let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+    // On the window's grid an area is a multiple of 2⁻¹⁶.
+    let k = if area == 0.0 { 0.0 } else { 1.0 / area };
+    let second = [(c[1] - a[1]) * k, (a[0] - c[0]) * k];
+    let third = [(a[1] - b[1]) * k, (b[0] - a[0]) * k];
+    [[-second[0] - third[0], -second[1] - third[1]], second, third]
+}

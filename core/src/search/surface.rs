@@ -1,0 +1,136 @@
+//! The surface of the hypothesis: positions, normals, albedo, and how normals follow positions.
+//!
+//! A vertex normal is `n = S/‖S‖`, `S` the sum of the unit normals `N/‖N‖`, `N = e₁ × e₂`, of the
+//! faces around it. Backwards, with `σ = (I − n nᵀ)/‖S‖ · ∂E/∂n`, each of these faces passes on
+//! `ν = (I − n_f n_fᵀ)/‖N‖ · σ`, and its corners get `∂E/∂e₁ = e₂ × ν`, `∂E/∂e₂ = ν × e₁`.
+
+use super::vector::{Vec3, add, cross, dot, scale, sub, xyz};
+use crate::basis::padded;
+use crate::engine::{Engine, Quad};
+use crate::math;
+use crate::memory::Carver;
+use crate::model::Model;
+use crate::scene::Scene;
+
+/// Words of memory a [`Surface`] needs.
+pub(super) const fn surface_words(vertices: usize, triangles: usize) -> usize {
+    4 * 4 * padded(vertices) + (padded(vertices) + 1) + 3 * triangles + 4 * triangles
+}
+
+/// A model's instance.
+pub(super) struct Surface<'w> {
+    /// Model frame, mm.
+    pub(super) positions: &'w mut [Quad],
+    /// Unit normals, and `1/‖S‖`.
+    pub(super) normals: &'w mut [Quad],
+    /// RGB.
+    pub(super) albedo: &'w mut [Quad],
+    /// Window coordinates and inverse distance.
+    pub(super) window: &'w mut [Quad],
+    /// Unit normals of the faces, and `1/‖N‖`.
+    faces: &'w mut [Quad],
+    /// Where each vertex's faces begin in `around`.
+    starts: &'w mut [u32],
+    around: &'w mut [u32],
+}
+
+/// What is at an index, or the neutral value: indices of a checked model have all.
+#[inline(always)]
+pub(super) fn at<T: Copy + Default>(values: &[T], index: usize) -> T {
+    values.get(index).copied().unwrap_or_default()
+}
+
+impl<'w> Surface<'w> {
+    /// Takes the memory and lists the faces around every vertex; `None` if there is too little.
+    pub(super) fn carve(carver: &mut Carver<'w>, model: &Model<'_>) -> Option<Self> {
+        let n = padded(model.vertices());
+        let triangles = model.triangles;
+        let mut quads = || carver.quads(n);
+        let [positions, normals, albedo, window] = [quads()?, quads()?, quads()?, quads()?];
+        let faces = carver.quads(triangles.len())?;
+        let starts = carver.words(n + 1)?;
+        let around = carver.words(3 * triangles.len())?;
+        starts.fill(0);
+        let corners = || (0..triangles.len()).filter_map(|t| Some((t as u32, triangles.get(t)?)));
+        for vertex in corners().flat_map(|(_, corners)| corners) {
+            *starts.get_mut(vertex as usize)? += 1;
+        }
+        // Ends of the vertices' ranges; filled from behind, they become the beginnings.
+        let mut end = 0;
+        for start in starts.iter_mut() {
+            end += *start;
+            *start = end;
+        }
+        for (t, corners) in corners() {
+            for vertex in corners {
+                let start = starts.get_mut(vertex as usize)?;
+                *start -= 1;
+                *around.get_mut(*start as usize)? = t;
+            }
+        }
+        Some(Self { positions, normals, albedo, window, faces, starts, around })
+    }
+
+    /// Computes everything of a scene's coefficients, pose and camera.
+    pub(super) fn update(&mut self, model: &Model<'_>, engine: &Engine, scene: &Scene) {
+        (engine.instance)(&model.shape, &scene.shape, self.positions);
+        (engine.instance)(&model.albedo, &scene.albedo, self.albedo);
+        (engine.project)(scene, self.positions, self.window);
+        self.normals.fill([0.0; 4]);
+        for (t, face) in self.faces.iter_mut().enumerate() {
+            let Some(corners) = model.triangles.get(t) else { continue };
+            let [a, b, c] = corners.map(|v| xyz(at(self.positions, v as usize)));
+            let normal = cross(sub(b, a), sub(c, a));
+            let inverse = math::rsqrt(dot(normal, normal));
+            let [x, y, z] = scale(normal, inverse);
+            *face = [x, y, z, inverse];
+            for vertex in corners {
+                if let Some(sum) = self.normals.get_mut(vertex as usize) {
+                    *sum = [sum[0] + x, sum[1] + y, sum[2] + z, 0.0];
+                }
+            }
+        }
+        for normal in self.normals.iter_mut() {
+            let sum = xyz(*normal);
+            let inverse = math::rsqrt(dot(sum, sum));
+            let [x, y, z] = scale(sum, inverse);
+            *normal = [x, y, z, inverse];
+        }
+    }
+
+    /// Passes the cost of a vertex's normal back to the positions around it: calls `add` with
+    /// vertices and what is to be added to their positions' cost.
+    #[inline(always)]
+    pub(super) fn normal_adjoint(
+        &self,
+        model: &Model<'_>,
+        vertex: usize,
+        cost: Vec3,
+        mut each: impl FnMut(usize, Vec3),
+    ) {
+        let [x, y, z, inverse] = at(self.normals, vertex);
+        let n = [x, y, z];
+        let sum = scale(sub(cost, scale(n, dot(n, cost))), inverse);
+        let mut own = [0.0; 3];
+        let range = at(self.starts, vertex) as usize..at(self.starts, vertex + 1) as usize;
+        for &face in self.around.get(range).unwrap_or_default() {
+            let Some(corners) = model.triangles.get(face as usize) else { continue };
+            let corners = corners.map(|v| v as usize);
+            let [x, y, z, inverse] = at(self.faces, face as usize);
+            let n = [x, y, z];
+            let passed = scale(sub(sum, scale(n, dot(n, sum))), inverse);
+            let [a, b, c] = corners.map(|v| xyz(at(self.positions, v)));
+            let by_b = cross(sub(c, a), passed);
+            let by_c = cross(passed, sub(b, a));
+            let by_a = scale(add(by_b, by_c), -1.0);
+            for (corner, cost) in corners.into_iter().zip([by_a, by_b, by_c]) {
+                if corner == vertex {
+                    own = add(own, cost);
+                } else {
+                    each(corner, cost);
+                }
+            }
+        }
+        each(vertex, own);
+    }
+}

@@ -1,0 +1,337 @@
+//! The derivatives against finite differences, and the search against its own promises.
+
+use super::*;
+use crate::chain::Config;
+use crate::engine::Engine;
+use crate::image::Image;
+use crate::likelihood::landmarks::Observation;
+use crate::model::Model;
+use crate::render;
+use std::vec;
+use std::vec::Vec;
+
+const SIDE: u32 = 96;
+
+const MODEL: &[u8] = include_bytes!("../../../fixtures/golden/small.3dmm");
+
+/// The model's bytes, aligned.
+fn aligned() -> Vec<u32> {
+    MODEL.chunks(4).map(|c| u32::from_le_bytes(from_fn(|i| at(c, i)))).collect()
+}
+
+/// The model in aligned words.
+fn model(words: &[u32]) -> Model<'_> {
+    Model::new_checked(&bytemuck::cast_slice(words)[..MODEL.len()]).unwrap()
+}
+
+/// A face to be found: its scene, its picture with noise, and its landmarks in the picture.
+struct Case {
+    bytes: Vec<u32>,
+    truth: Scene,
+    pixels: Vec<[u8; 3]>,
+    landmarks: Vec<(&'static str, [f32; 2])>,
+    config: Config,
+}
+
+impl Case {
+    fn new(seed: u64) -> Self {
+        let bytes = aligned();
+        let model = model(&bytes);
+        let (shape_rank, albedo_rank) = (model.shape.rank(), model.albedo.rank());
+        let mut rng = Rng::new(seed, 0);
+        let mut truth = Scene::initial(SIDE, SIDE, shape_rank, albedo_rank);
+        for c in truth.shape.iter_mut().chain(&mut truth.albedo) {
+            *c = rng.normal_sd(0.7);
+        }
+        truth.pose.yaw = 0.15;
+        truth.pose.pitch = -0.1;
+        truth.light[3][0] += 0.05;
+        let mut memory =
+            vec![0; render::draw_words(model.vertices(), SIDE as usize, SIDE as usize)];
+        let mut colors = vec![[0.1, 0.35, 0.2]; (SIDE * SIDE) as usize];
+        render::draw(&model, &truth, &mut memory, &mut colors).unwrap();
+        let mut byte = |c: f32| (255.0 * c + rng.normal_sd(3.0)).clamp(0.0, 255.0) as u8;
+        let pixels = colors.iter().map(|c| c.map(&mut byte)).collect();
+        let mut positions = vec![[0.0; 4]; padded(model.vertices())];
+        model.shape.instance(&truth.shape, &mut positions);
+        let landmarks = model
+            .landmarks()
+            .map(|(name, vertex)| {
+                let world = truth.pose.to_world(xyz(positions[vertex as usize]));
+                let (u, v, _) = truth.camera.project(world);
+                let name: &'static str = std::boxed::Box::leak(std::boxed::Box::from(name));
+                (name, [u, v])
+            })
+            .collect();
+        let config = Config::default().with(|c| {
+            c.shape_rank = shape_rank;
+            c.albedo_rank = albedo_rank;
+            // As informative as a larger picture.
+            c.pixel_patch = 8.0;
+        });
+        Self { bytes, truth, pixels, landmarks, config }
+    }
+
+    fn run<T>(
+        &self,
+        options: Options,
+        seed: u64,
+        f: impl FnOnce(&mut ModeSearch<'_, '_>) -> T,
+    ) -> T {
+        let model = model(&self.bytes);
+        let observations: Vec<Observation<'_>> =
+            self.landmarks.iter().map(|&(name, position)| Observation { name, position }).collect();
+        let image = Image { pixels: &self.pixels, width: SIDE, height: SIDE };
+        let problem =
+            Problem::new(&model, image, &observations, &self.config).with_engine(&Engine::PORTABLE);
+        let mut memory = vec![0; words(&problem)];
+        f(&mut ModeSearch::new(problem, options, seed, &mut memory).unwrap())
+    }
+}
+
+/// A visible pixel's surface point, what a change of its colour gains, and what its motion in the
+/// window does.
+struct Followed {
+    hit: Hit,
+    gain: Vec3,
+    motion: [f32; 2],
+}
+
+/// Every pixel that shows the face.
+fn follow(search: &ModeSearch<'_, '_>) -> Vec<Followed> {
+    let shading = Shading::new(&search.scene);
+    let mut all = Vec::new();
+    for y in search.frame.rows() {
+        for x in search.frame.columns() {
+            let index = y * SIDE as usize + x;
+            let mask = at(search.planes.mask, index);
+            let Some(hit) = search.frame.hit(x, y).filter(|_| mask >= 1e-3) else { continue };
+            let (corners, point) = search.point(&shading, &hit).unwrap();
+            let difference = sub(search.photo(index), point.color);
+            let gain = scale(difference, mask * search.pixel_weight());
+            let motion = shading.adjoint(&point, gain).motion(&point, &search.slopes(corners));
+            all.push(Followed { hit, gain, motion });
+        }
+    }
+    all
+}
+
+/// `Σ γ·c + m·p` of the followed points, a step away: smooth, and its derivative at no step is
+/// what the search calls the gradient.
+fn potential(
+    search: &mut ModeSearch<'_, '_>,
+    start: &Scene,
+    followed: &[Followed],
+    direction: &[f32],
+    h: f32,
+) -> f64 {
+    for (step, d) in search.step.iter_mut().zip(direction) {
+        *step = h * d;
+    }
+    let mut scene = start.clone();
+    advance(&mut scene, &search.layout.split(search.step).unwrap());
+    search.surface.update(search.problem.model, search.problem.engine, &scene);
+    let shading = Shading::new(&scene);
+    let mut sum = 0.0;
+    for Followed { hit, gain, motion } in followed {
+        let (corners, point) = search.point(&shading, hit).unwrap();
+        sum += f64::from(dot(*gain, point.color));
+        for (vertex, w) in corners.into_iter().zip(point.weights) {
+            let world = scene.pose.to_world(xyz(at(search.surface.positions, vertex)));
+            let (u, v, _) = scene.camera.project(world);
+            sum += f64::from(w) * f64::from(motion[0]) * f64::from(u);
+            sum += f64::from(w) * f64::from(motion[1]) * f64::from(v);
+        }
+    }
+    sum
+}
+
+#[test]
+fn the_gradient_is_that_of_differences_in_every_block() {
+    let case = Case::new(3);
+    case.run(Options::default(), 1, |search| {
+        let mut rng = Rng::new(9, 0);
+        for c in search.scene.shape.iter_mut().chain(&mut search.scene.albedo) {
+            *c = rng.normal_sd(0.5);
+        }
+        search.render();
+        search.estimate_mask();
+        let start = search.scene.clone();
+        let shading = Shading::new(&start);
+        search.gradient.fill(0.0);
+        search.add_gradient(&shading);
+        let gradient: Vec<f32> = search.gradient.to_vec();
+        let followed = follow(search);
+        assert!(followed.len() > 500);
+        let layout = search.layout;
+        let albedo = POSE + layout.shape_rank;
+        let blocks = [
+            ("rotation", 0..3, 0.01),
+            ("translation", 3..5, 1.0),
+            ("zoom", 5..6, 0.01),
+            ("recede", 6..7, 0.01),
+            ("shape", POSE..albedo, 0.03),
+            ("albedo", albedo..layout.light(), 0.03),
+            ("light", layout.light()..layout.color(), 0.01),
+            ("colour", layout.color()..layout.len(), 0.01),
+        ];
+        for (name, block, h) in blocks {
+            let size: f64 =
+                gradient[block.clone()].iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+            for _ in 0..3 {
+                let mut direction = vec![0.0; layout.len()];
+                for d in &mut direction[block.clone()] {
+                    *d = rng.normal_sd(1.0);
+                }
+                let slope: f64 =
+                    gradient.iter().zip(&direction).map(|(g, d)| f64::from(g * d)).sum();
+                let mut ahead = |h: f32| potential(search, &start, &followed, &direction, h);
+                let found = (ahead(h) - ahead(-h)) / (2.0 * f64::from(h));
+                std::println!("{name}: {slope:.4} by reverse, {found:.4} by differences");
+                assert!((slope - found).abs() < 0.01 * size + 0.002, "{name}: {slope} {found}");
+            }
+        }
+    });
+}
+
+#[test]
+fn weights_change_in_the_window_as_their_slopes_say() {
+    let triangle = [[3.0, 4.0], [9.0, 6.0], [5.0, 11.0]];
+    let weights = |p: [f32; 2]| {
+        let side = |a: [f32; 2], b: [f32; 2]| {
+            (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+        };
+        let [a, b, c] = triangle;
+        let all = [side(b, c), side(c, a), side(a, b)];
+        all.map(|e| e / (all[0] + all[1] + all[2]))
+    };
+    for (i, slope) in slopes(triangle).into_iter().enumerate() {
+        for axis in 0..2 {
+            let (mut less, mut more) = ([5.5, 6.5], [5.5, 6.5]);
+            less[axis] -= 0.5;
+            more[axis] += 0.5;
+            assert!((weights(more)[i] - weights(less)[i] - slope[axis]).abs() < 1e-5);
+        }
+    }
+    assert_eq!(slopes([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]]), [[0.0; 2]; 3]);
+}
+
+#[test]
+fn the_rows_of_the_matrix_are_the_gradients() {
+    let case = Case::new(4);
+    case.run(Options::default(), 1, |search| {
+        search.render();
+        search.estimate_mask();
+        let shading = Shading::new(&search.scene);
+        search.gradient.fill(0.0);
+        search.add_gradient(&shading);
+        let gradient: Vec<f32> = search.gradient.to_vec();
+        let n = search.layout.len();
+        let view = Window::new(&search.scene);
+        let mut memory = vec![0.0; system_words(n)];
+        let mut sum = vec![0.0_f64; n];
+        let weight = search.pixel_weight();
+        for y in search.frame.rows() {
+            for x in search.frame.columns() {
+                let index = y * SIDE as usize + x;
+                let mask = at(search.planes.mask, index);
+                if mask < 1e-3 {
+                    continue;
+                }
+                let hit = search.frame.hit(x, y).unwrap();
+                let (corners, point) = search.point(&shading, &hit).unwrap();
+                let mut system =
+                    System::new(n, Engine::PORTABLE.normal_equations, &mut memory).unwrap();
+                search.add_pixel(&shading, &view, corners, &point, 1.0, &mut system);
+                let difference = sub(search.photo(index), point.color);
+                for (row, d) in search.rows.iter().zip(difference) {
+                    for (sum, r) in sum.iter_mut().zip(&**row) {
+                        *sum += f64::from(mask * weight * d * r);
+                    }
+                }
+            }
+        }
+        let size = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+        for (i, (g, s)) in gradient.iter().zip(sum).enumerate() {
+            assert!((f64::from(*g) - s).abs() < 1e-3 * size, "{i}: {g} {s}");
+        }
+    });
+}
+
+#[test]
+fn a_face_of_the_model_is_found_again() {
+    let case = Case::new(5);
+    let (scene, converged) = case.run(Options::default(), 1, |search| {
+        let mut last = f64::INFINITY;
+        let mut level = usize::MAX;
+        while let Some(iteration) = search.step() {
+            assert!(iteration.after.total() <= iteration.before.total());
+            if iteration.level == level {
+                last = iteration.after.total();
+            }
+            level = iteration.level;
+        }
+        assert!(last.is_finite());
+        (search.scene().clone(), search.converged())
+    });
+    assert!(converged);
+    let cosine = |a: &[f32], b: &[f32]| {
+        let sum = |x: &[f32], y: &[f32]| -> f32 { x.iter().zip(y).map(|(x, y)| x * y).sum() };
+        sum(a, b) / math::sqrt(sum(a, a) * sum(b, b))
+    };
+    let [shape, albedo] =
+        [cosine(&scene.shape, &case.truth.shape), cosine(&scene.albedo, &case.truth.albedo)];
+    // One small picture shows little of the shape; that it goes the right way is what is asked.
+    assert!(shape > 0.3 && albedo > 0.9, "{shape} {albedo}");
+    assert!((scene.pose.yaw - case.truth.pose.yaw).abs() < 0.05);
+}
+
+#[test]
+fn the_seed_changes_the_way_and_not_the_mode() {
+    let case = Case::new(6);
+    let modes: Vec<(Scene, f64)> = (0..4)
+        .map(|seed| {
+            case.run(Options::default(), seed, |search| {
+                while search.step().is_some() {}
+                (search.scene().clone(), search.energy().total())
+            })
+        })
+        .collect();
+    for (scene, energy) in &modes[1..] {
+        assert!((energy - modes[0].1).abs() < 1.0, "{energy} {}", modes[0].1);
+        for (a, b) in scene.shape.iter().zip(&modes[0].0.shape) {
+            assert!((a - b).abs() < 0.25, "{a} {b}");
+        }
+    }
+}
+
+#[test]
+fn what_hides_the_face_does_not_bend_it() {
+    let mut case = Case::new(7);
+    let clean = case.run(Options::default(), 1, |search| {
+        while search.step().is_some() {}
+        search.scene().clone()
+    });
+    // A dark bar over the forehead, as hair.
+    let brow = case.landmarks.iter().map(|(_, [_, v])| *v).fold(f32::INFINITY, f32::min);
+    let bar = (brow as usize).saturating_sub(14)..(brow as usize).saturating_sub(5);
+    for y in bar.clone() {
+        for x in 0..SIDE as usize {
+            case.pixels[y * SIDE as usize + x] = [20, 15, 10];
+        }
+    }
+    let distance = |scene: &Scene| {
+        let d: f32 = scene.shape.iter().zip(&clean.shape).map(|(a, b)| (a - b) * (a - b)).sum();
+        math::sqrt(d)
+    };
+    let [robust, plain] = [true, false].map(|occlusion| {
+        let options = Options { occlusion, ..Options::default() };
+        case.run(options, 1, |search| {
+            while search.step().is_some() {}
+            let hidden =
+                bar.clone().map(|y| at(search.mask(), y * SIDE as usize + 48)).fold(0.0, f32::max);
+            (distance(search.scene()), hidden)
+        })
+    });
+    assert!(robust.0 < 0.7 * plain.0, "{} {}", robust.0, plain.0);
+}

@@ -1,0 +1,118 @@
+//! The unknowns of the mode search: where each stands in a vector, and what a step does to a scene.
+//!
+//! | entries | what | unit |
+//! |---|---|---|
+//! | 0..3 | rotation vector of the world, about the object's origin | radian |
+//! | 3, 4 | translation in x and y | mm |
+//! | 5 | zoom: the focal length grows by `eᶻ` | – |
+//! | 6 | recede: distance and focal length grow by `eᶻ` | – |
+//! | 7.. | shape coefficients | standard deviations |
+//! | then | albedo coefficients | standard deviations |
+//! | then 27 | light, `[coefficient][channel]` | as in [`Light`](crate::light::Light) |
+//! | then 7 | gain (3), contrast, offset (3) | as in [`ColorTransform`](crate::color::ColorTransform) |
+
+use crate::math;
+use crate::scene::{Pose, Scene};
+use core::array::from_fn;
+
+/// Entries of pose and camera.
+pub const POSE: usize = 7;
+/// Entries of the light.
+pub const LIGHT: usize = 27;
+/// Entries of the colour transform.
+pub const COLOR: usize = 7;
+
+/// How many unknowns there are, and where each kind begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Shape coefficients.
+    pub shape_rank: usize,
+    /// Albedo coefficients.
+    pub albedo_rank: usize,
+}
+
+impl Layout {
+    /// Number of unknowns.
+    pub const fn len(&self) -> usize {
+        POSE + self.shape_rank + self.albedo_rank + LIGHT + COLOR
+    }
+
+    /// Never: pose, light and colour are always sought.
+    pub const fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Where the light begins.
+    pub const fn light(&self) -> usize {
+        POSE + self.shape_rank + self.albedo_rank
+    }
+
+    /// Where the colour transform begins.
+    pub const fn color(&self) -> usize {
+        self.light() + LIGHT
+    }
+
+    /// A vector of all unknowns in its parts.
+    pub fn split<'v>(&self, vector: &'v mut [f32]) -> Option<Parts<'v>> {
+        let (pose, rest) = vector.split_first_chunk_mut()?;
+        let (shape, rest) = rest.split_at_mut_checked(self.shape_rank)?;
+        let (albedo, rest) = rest.split_at_mut_checked(self.albedo_rank)?;
+        let (light, rest) = rest.split_first_chunk_mut::<LIGHT>()?;
+        let light = light.as_chunks_mut().0;
+        Some(Parts { pose, shape, albedo, light, color: rest.first_chunk_mut()? })
+    }
+}
+
+/// The parts of a vector of unknowns.
+pub struct Parts<'v> {
+    /// Rotation vector, x, y, zoom, recede.
+    pub pose: &'v mut [f32; POSE],
+    /// Per component.
+    pub shape: &'v mut [f32],
+    /// Per component.
+    pub albedo: &'v mut [f32],
+    /// `[coefficient][channel]`.
+    pub light: &'v mut [[f32; 3]],
+    /// Gain, contrast, offset.
+    pub color: &'v mut [f32; COLOR],
+}
+
+/// Goes a step from a scene.
+pub fn advance(scene: &mut Scene, step: &Parts<'_>) {
+    let [wx, wy, wz, tx, ty, zoom, recede] = *step.pose;
+    turn(&mut scene.pose, [wx, wy, wz]);
+    let factor = |x: f32| math::exp(f64::from(x)) as f32;
+    scene.pose.translation[0] += tx;
+    scene.pose.translation[1] += ty;
+    scene.pose.translation[2] *= factor(recede);
+    scene.camera.focal_length *= factor(zoom + recede);
+    let add = |to: &mut [f32], step: &[f32]| {
+        for (x, d) in to.iter_mut().zip(step) {
+            *x += d;
+        }
+    };
+    add(&mut scene.shape, step.shape);
+    add(&mut scene.albedo, step.albedo);
+    add(scene.light.as_flattened_mut(), step.light.as_flattened());
+    let [r, g, b, contrast, offset @ ..] = &*step.color;
+    add(&mut scene.color.gain, &[*r, *g, *b]);
+    scene.color.contrast += *contrast;
+    add(&mut scene.color.offset, offset);
+}
+
+/// Rotates the pose by a small rotation vector of the world.
+fn turn(pose: &mut Pose, w: [f32; 3]) {
+    let angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    let angle = math::sqrt(angle2);
+    let (sin, cos) = math::sin_cos(angle);
+    let (a, b) = if angle > 1e-6 { (sin / angle, (1.0 - cos) / angle2) } else { (1.0, 0.5) };
+    // Rodrigues: e = cos·I + a·[w]× + b·w wᵀ.
+    let e = [
+        [cos + b * w[0] * w[0], b * w[0] * w[1] - a * w[2], b * w[0] * w[2] + a * w[1]],
+        [b * w[0] * w[1] + a * w[2], cos + b * w[1] * w[1], b * w[1] * w[2] - a * w[0]],
+        [b * w[0] * w[2] - a * w[1], b * w[1] * w[2] + a * w[0], cos + b * w[2] * w[2]],
+    ];
+    let r = pose.rotation();
+    let product = e.map(|row| from_fn(|j| row[0] * r[0][j] + row[1] * r[1][j] + row[2] * r[2][j]));
+    (pose.roll, pose.yaw, pose.pitch) = Pose::euler(&product);
+}
