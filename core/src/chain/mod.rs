@@ -435,7 +435,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     }
 
     /// All densities of a hypothesis, from scratch. The chain's state stays.
-    fn evaluate(&mut self, scene: &Scene) -> Density {
+    pub fn evaluate(&mut self, scene: &Scene) -> Density {
         let mut image = 0.0;
         if self.progress.stage == Stage::Image {
             let new = Proposed { problem: self.problem, scene, touched: Touched::ALL };

@@ -81,7 +81,9 @@ impl Demo {
                 chains: 1,
             };
             let task = console.task(subject.name, job.config.steps());
-            let Ending::Done(fit) = watch(&job, None, &AtomicBool::new(false), task)? else {
+            let Ending::Done(fit) =
+                watch(&AtomicBool::new(false), task, |control| job.run(None, control))?
+            else {
                 return Err(Error::new("the fit was stopped"));
             };
             let names =

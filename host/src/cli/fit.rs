@@ -6,7 +6,7 @@ use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::fit::checkpoint::Save;
 use onescan::fit::output::{self, Names};
-use onescan::fit::{Control, Ending, Job};
+use onescan::fit::{Control, Ending, Job, mode};
 use onescan::interchange;
 use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
@@ -72,9 +72,22 @@ pub(super) struct Fit {
     /// Use no search moves: the chain is then a sampler of the posterior, and slower to get there.
     #[arg(long)]
     sampler: bool,
+    /// How to fit: `paper`, the paper's chain; or `mode`, which searches for the mode of the
+    /// posterior, takes what hides the face for what it is, and also writes mask.png and behind.png.
+    #[arg(long, value_enum, default_value_t = Schedule::Paper)]
+    schedule: Schedule,
     /// Go on from the checkpoint of an interrupted fit with the same arguments.
     #[arg(long)]
     resume: bool,
+}
+
+/// The ways to fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Schedule {
+    /// The paper's: a chain.
+    Paper,
+    /// The mode of the posterior.
+    Mode,
 }
 
 fn rank() -> clap::builder::RangedI64ValueParser<u32> {
@@ -132,6 +145,12 @@ impl Fit {
             chains: self.chains,
         };
         let checkpoint = self.output.join("checkpoint.bin");
+        if self.schedule == Schedule::Mode && (self.resume || self.chains > 1 || self.sampler) {
+            return Err(Error::new(
+                "--schedule mode is no chain: it takes seconds and leaves no checkpoint; fit \
+                 without --resume, --chains and --sampler",
+            ));
+        }
         let resume = if self.resume { Some(Save::read(&checkpoint)?) } else { None };
 
         let stop = Arc::new(AtomicBool::new(false));
@@ -141,8 +160,14 @@ impl Fit {
                 .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
                 .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
         }
+        if self.schedule == Schedule::Mode {
+            let task = console.task("searching", mode::iterations());
+            let found = watch(&stop, task, |control| job.find_mode(control.stop, control.steps))?;
+            let fit = found.ok_or_else(|| Error::new("interrupted; nothing was written"))?;
+            return self.write(&job, &fit, model.provenance(), console);
+        }
         let total = u64::from(self.chains) * job.config.steps();
-        match watch(&job, resume, &stop, console.task("fitting", total))
+        match watch(&stop, console.task("fitting", total), |control| job.run(resume, control))
             .map_err(|e| if self.resume { Error::file(&checkpoint, e) } else { e })?
         {
             Ending::Stopped(save) => {
@@ -154,24 +179,33 @@ impl Fit {
                 ))
             }
             Ending::Done(fit) => {
-                let names = Names {
-                    model: file_name(&self.model),
-                    image: file_name(&self.image),
-                    landmarks: file_name(&self.landmarks),
-                };
-                let result = output::finish(&job, &fit, names)?;
-                output::write(&self.output, &result)?;
-                let page = report::fit_report(&result, model.provenance())?;
-                write_atomically(&self.output.join("report.html"), |out| {
-                    out.write_all(page.as_bytes())
-                })?;
+                self.write(&job, &fit, model.provenance(), console)?;
                 remove_if_there(&checkpoint);
-                console.say(output::closing_line(&result.summary));
-                let report = self.output.join("report.html");
-                console.say(format_args!("open {}", report.display()));
                 Ok(())
             }
         }
+    }
+
+    fn write(
+        &self,
+        job: &Job<'_>,
+        fit: &onescan::fit::Fit,
+        provenance: &str,
+        console: Console,
+    ) -> Result<()> {
+        let names = Names {
+            model: file_name(&self.model),
+            image: file_name(&self.image),
+            landmarks: file_name(&self.landmarks),
+        };
+        let result = output::finish(job, fit, names)?;
+        output::write(&self.output, &result)?;
+        let page = report::fit_report(&result, provenance)?;
+        let report = self.output.join("report.html");
+        write_atomically(&report, |out| out.write_all(page.as_bytes()))?;
+        console.say(output::closing_line(&result.summary));
+        console.say(format_args!("open {}", report.display()));
+        Ok(())
     }
 
     fn config(&self) -> Config {
@@ -189,12 +223,11 @@ impl Fit {
 }
 
 /// Runs the job and moves the bar meanwhile.
-pub(super) fn watch(
-    job: &Job<'_>,
-    resume: Option<Save>,
+pub(super) fn watch<T>(
     stop: &AtomicBool,
     mut task: onescan::progress::Task,
-) -> Result<Ending> {
+    run: impl FnOnce(&Control<'_>) -> Result<T>,
+) -> Result<T> {
     let steps = AtomicU64::new(0);
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -205,7 +238,7 @@ pub(super) fn watch(
             }
             task.finish();
         });
-        let ending = job.run(resume, &Control { stop, steps: &steps });
+        let ending = run(&Control { stop, steps: &steps });
         done.store(true, Ordering::Relaxed);
         watcher.thread().unpark();
         ending

@@ -1,6 +1,8 @@
 //! Fitting a model to a photo: cut the face out, run the chains, keep the best state.
 
 pub mod checkpoint;
+#[cfg(feature = "full")]
+pub mod mode;
 pub mod output;
 #[cfg(feature = "full")]
 mod parallel;
@@ -89,6 +91,9 @@ pub struct Fit {
     pub trace: Vec<TracePoint>,
     /// Acceptance over all chains.
     pub acceptance: Vec<Acceptance>,
+    /// Of a search for the mode.
+    #[cfg(feature = "full")]
+    pub mode: Option<mode::Mode>,
 }
 
 impl Job<'_> {
@@ -148,6 +153,8 @@ impl Job<'_> {
             steps_per_second: own_steps as f64 / own_seconds.max(1e-9),
             trace: run.save.trace,
             acceptance,
+            #[cfg(feature = "full")]
+            mode: None,
         })
     }
 }

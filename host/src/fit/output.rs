@@ -5,7 +5,9 @@ use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
 use crate::fit::rps::Rps;
-use crate::fit::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};
+use crate::fit::summary::{
+    BeforeAfter, ModeFound, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex,
+};
 use crate::mesh::Mesh;
 use crate::mesh::glb;
 use crate::mesh::ply::{self, Encoding};
@@ -56,6 +58,16 @@ pub struct Pictures {
     pub sides: Vec<Picture>,
     /// The whole photo with the fitted model drawn on it.
     pub whole: Picture,
+    /// Of a search for the mode.
+    pub masked: Option<Masked>,
+}
+
+/// Pictures of what hides the face.
+pub struct Masked {
+    /// White where the photo shows the face, black where something hides it or nothing is fitted.
+    pub mask: Picture,
+    /// The photo with the fitted model drawn behind what hides it.
+    pub behind: Picture,
 }
 
 /// Draws the pictures and collects the numbers of a finished fit.
@@ -68,7 +80,7 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
     let config = &job.config;
     let summary = Summary {
         onescan: env!("CARGO_PKG_VERSION").into(),
-        command: command(job, &names),
+        command: command(job, fit, &names),
         model: ModelUsed { file: names.model, checksum: hex(job.model.checksum()) },
         image: PhotoUsed {
             file: names.image,
@@ -110,14 +122,30 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
             })
             .collect(),
         trace: fit.trace.clone(),
+        mode: mode_found(fit),
         parameters,
     };
     let mesh = render::instance(job.model, &fit.best.scene.shape, &fit.best.scene.albedo);
     Ok(Finished { mesh, pictures: pictures(job, fit, &summary.parameters)?, summary })
 }
 
+/// How a search for the mode ended.
+fn mode_found(fit: &Fit) -> Option<ModeFound> {
+    #[cfg(feature = "full")]
+    return fit.mode.as_ref().map(|mode| ModeFound {
+        converged: mode.converged,
+        iterations: mode.iterations,
+        posterior: mode.posterior,
+    });
+    #[cfg(not(feature = "full"))]
+    {
+        let _ = fit;
+        None
+    }
+}
+
 /// The command that repeats the fit.
-fn command(job: &Job<'_>, names: &Names) -> String {
+fn command(job: &Job<'_>, fit: &Fit, names: &Names) -> String {
     let Names { model, image, landmarks } = names;
     let mut command =
         format!("onescan fit {model} {image} --landmarks {landmarks} -o fit --seed {}", job.seed);
@@ -142,6 +170,12 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     if !config.search {
         command.push_str(" --sampler");
     }
+    #[cfg(feature = "full")]
+    if fit.mode.is_some() {
+        command.push_str(" --schedule mode");
+    }
+    #[cfg(not(feature = "full"))]
+    let _ = fit;
     command
 }
 
@@ -158,13 +192,38 @@ fn pictures(job: &Job<'_>, fit: &Fit, in_photo: &Scene) -> Result<Pictures> {
     let mut scene = fit.best.scene.clone();
     scene.camera.image_size = crop.scaled_to;
     let sides = SIDES.map(|yaw| side_view(job.model, &scene, yaw));
+    let on_photo = render::draw_over(job.model, &scene, &photo)?;
+    #[cfg(feature = "full")]
+    let masked = fit.mode.as_ref().map(|mode| masked(fit.crop, &mode.mask, &photo, &on_photo));
+    #[cfg(not(feature = "full"))]
+    let masked = None;
     Ok(Pictures {
-        on_photo: render::draw_over(job.model, &scene, &photo)?,
+        masked,
+        on_photo,
         alone: render::draw_on(job.model, &scene, render::GROUND),
         sides: sides.into(),
         whole: render::draw_over(job.model, in_photo, job.photo)?,
         photo,
     })
+}
+
+/// The mask as a picture, and the model behind what it holds to be no face.
+#[cfg(feature = "full")]
+fn masked(crop: Crop, mask: &[f32], photo: &Picture, on_photo: &Picture) -> Masked {
+    let [width, height] = crop.scaled_to;
+    let grey: Vec<[f32; 3]> = mask.iter().map(|&m| [m; 3]).collect();
+    let mask = Picture::from_unit(width, height, &grey).resized(photo.width, photo.height);
+    let behind = Picture::from_fn(photo.width, photo.height, |x, y| {
+        let [face, model, before] =
+            [&mask, on_photo, photo].map(|picture| picture.pixel(x, y).unwrap_or_default());
+        // A soft edge about one half, for the eye.
+        let share = (2.0 * f32::from(face[0]) / 255.0 - 0.5).clamp(0.0, 1.0);
+        std::array::from_fn(|c| {
+            let [model, before] = [model[c], before[c]].map(f32::from);
+            (before + share * (model - before)).round() as u8
+        })
+    });
+    Masked { mask, behind }
 }
 
 /// The fitted face turned, upright, under frontal light.
@@ -175,6 +234,12 @@ fn side_view(model: &Model<'_>, fitted: &Scene, yaw: f32) -> Picture {
 }
 
 impl Pictures {
+    /// `photo | model on photo, behind what hides it`.
+    pub fn behind(&self) -> Option<Picture> {
+        let masked = self.masked.as_ref()?;
+        Some(picture::montage(&[&self.photo, &masked.behind], 8, [255; 3]))
+    }
+
     /// `photo | model on photo | model alone | side views`.
     pub fn overlay(&self) -> Picture {
         picture::overlay(&self.photo, &self.on_photo, &self.alone, &self.sides)
@@ -185,21 +250,26 @@ impl Pictures {
 ///
 /// # Errors
 /// None for a fit that [`finish`] made.
-pub fn files(result: &Finished) -> Result<[(&'static str, Vec<u8>); 6]> {
+pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
     let rps = Rps {
         scene: result.summary.parameters.clone(),
         model_uri: result.summary.model.file.clone(),
     };
     let mut mesh = Vec::new();
     ply::write(&mut mesh, &result.mesh, Encoding::default()).map_err(Error::new)?;
-    Ok([
+    let mut files = vec![
         ("fit.json", result.summary.to_json()?.into_bytes()),
         ("fit.rps", rps.to_text()?.into_bytes()),
         ("mesh.ply", mesh),
         ("mesh.glb", glb::encode(&result.mesh, "fitted face")?),
         ("overlay.png", result.pictures.overlay().to_png()?),
         ("photo.png", result.pictures.whole.to_png()?),
-    ])
+    ];
+    if let (Some(masked), Some(behind)) = (&result.pictures.masked, result.pictures.behind()) {
+        files.push(("mask.png", masked.mask.to_png()?));
+        files.push(("behind.png", behind.to_png()?));
+    }
+    Ok(files)
 }
 
 /// Writes [`files`] into a directory.

@@ -65,6 +65,17 @@ pub struct Proposal {
     pub search: bool,
 }
 
+/// How a search for the mode ended.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModeFound {
+    /// Whether the last steps changed nothing.
+    pub converged: bool,
+    /// Steps of all levels.
+    pub iterations: u32,
+    /// Log posterior density with the mask given, up to a constant.
+    pub posterior: f64,
+}
+
 /// A finished fit: the contents of `fit.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -107,6 +118,9 @@ pub struct Summary {
     /// The stage's log likelihood by step, thinned; steps count over both stages.
     #[serde(default)]
     pub trace: Vec<(u32, f64)>,
+    /// How a search for the mode ended; absent from a chain's fit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mode: Option<ModeFound>,
     /// The best state; its camera sees the whole photo.
     pub parameters: Scene,
 }
@@ -232,6 +246,7 @@ pub(crate) mod tests {
                 (200, -28_147.817_395_960_334),
                 (300, 2048.25),
             ],
+            mode: None,
             parameters,
         }
     }

@@ -161,6 +161,18 @@ impl<'a> Section<'a> {
                 "The model alone, in the pose and light it found.",
             )?,
         ];
+        if let Some(masked) = &pictures.masked {
+            figures.push(Figure::new(
+                &masked.behind,
+                format!("The fitted model drawn on {file} behind what hides the face"),
+                "The model behind what is no face to it: hair, glasses, teeth.",
+            )?);
+            figures.push(Figure::new(
+                &masked.mask,
+                format!("Where {file} shows the face"),
+                "White where the photo shows the face, black where something hides it.",
+            )?);
+        }
         for (i, side) in pictures.sides.iter().enumerate() {
             figures.push(Figure::new(
                 side,
@@ -437,6 +449,7 @@ mod tests {
             alone: picture(),
             sides: vec![picture(), picture()],
             whole: Picture::filled(2000, 1, [1; 3]),
+            masked: None,
         };
         let mesh = Mesh { points: vec![], colors: vec![], triangles: vec![] };
         Finished { summary, mesh, pictures }
