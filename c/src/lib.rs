@@ -9,7 +9,7 @@
 use core::ffi::{CStr, c_char};
 use core::mem::{align_of, size_of};
 use core::slice;
-use onescan_core::chain::{Chain, ChainError, Config, Dimensions, Problem};
+use onescan_core::chain::{Chain, ChainError, Config, Dimensions, Problem, Schedule};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, Observation};
 use onescan_core::model::{Model, ModelError};
@@ -314,13 +314,11 @@ pub unsafe extern "C" fn onescan_start(
         (&raw mut (*running).model).write(model);
         (&raw mut (*running).config).write(config);
         (&raw mut (*running).observations).write(observations);
-        let problem = Problem::new(
-            &(*running).model,
-            Image { pixels, width, height },
-            &(&(*running).observations)[..landmark_count],
-            &(*running).config,
-        )
-        .with_lean(settings.lean);
+        let landmarks = &(&(*running).observations)[..landmark_count];
+        let image = Image { pixels, width, height };
+        let problem = Problem::new(&(*running).model, image, landmarks, &(*running).config)
+            .with_schedule(Schedule::of(landmarks))
+            .with_lean(settings.lean);
         (&raw mut (*running).chain).write(Chain::new(problem, settings.seed, 0, memory));
         match &(*running).chain {
             Ok(_) => OnescanStatus::Ok,
@@ -437,7 +435,7 @@ fn chain_status(error: ChainError) -> OnescanStatus {
         ChainError::UnknownLandmark { .. } => OnescanStatus::UnknownLandmark,
         ChainError::LandmarkPosition { .. } => OnescanStatus::LandmarkPosition,
         ChainError::Rank { .. } => OnescanStatus::Rank,
-        ChainError::Config | ChainError::Checkpoint => OnescanStatus::Config,
+        ChainError::Config | ChainError::Schedule | ChainError::Checkpoint => OnescanStatus::Config,
         ChainError::Memory { .. } => OnescanStatus::Memory,
     }
 }

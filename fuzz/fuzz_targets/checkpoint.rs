@@ -6,7 +6,7 @@ use onescan::fit::{Control, Ending, Job};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
-use onescan_core::chain::{Chain, Config, Problem};
+use onescan_core::chain::{Chain, Config, Problem, Schedule};
 use onescan_core::hash::fnv64;
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
@@ -73,7 +73,9 @@ fuzz_target!(|data: &[u8]| {
     let landmarks = [("a", [5.0, 18.0]), ("b", [18.0, 18.0]), ("c", [18.0, 5.0]), ("d", [5.0; 2])]
         .map(|(name, position)| Observation { name, position });
     let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
-    let problem = Problem::new(&model, image, &landmarks, &config).with_lean(true);
+    let problem = Problem::new(&model, image, &landmarks, &config)
+        .with_schedule(Schedule::of(&landmarks))
+        .with_lean(true);
     let mut memory = vec![0; problem.dimensions().words()];
     for chain in save.chains {
         if let Ok(mut chain) = Chain::resume(problem, chain.checkpoint, &mut memory) {

@@ -23,7 +23,7 @@ fn stages(criterion: &mut Criterion) {
     let problem = workload.problem(&model, &landmarks, &config);
     let mut memory = vec![0; problem.dimensions().words()];
     let mut chain = Chain::new(problem, 7, 0, &mut memory).expect("landmarks of the model");
-    while chain.checkpoint().stage == chain::Stage::Landmarks && chain.step().is_some() {}
+    while chain.stage() == chain::Stage::Landmarks && chain.step().is_some() {}
     let mut group = criterion.benchmark_group("step");
     group.bench_function("fast", |b| b.iter(|| step_to_image(&mut chain)));
     group.bench_function("naive", |b| {

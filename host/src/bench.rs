@@ -576,7 +576,7 @@ impl Run {
         let mut evaluated = Vec::new();
         for repetition in 0..REPETITIONS {
             let mut chain = Chain::new(problem, SEED, 0, &mut memory).map_err(Error::new)?;
-            while chain.checkpoint().stage == chain::Stage::Landmarks && chain.step().is_some() {}
+            while chain.stage() == chain::Stage::Landmarks && chain.step().is_some() {}
             let touches: Vec<Touched> = chain
                 .tallies(chain::Stage::Image)
                 .map(|(branch, _)| branch.kind.touches())

@@ -161,7 +161,7 @@ impl Fit {
     /// The stage it is in: `landmarks`, `shape` or `image`.
     #[wasm_bindgen(getter)]
     pub fn stage(&self) -> String {
-        let stage = self.with(|running| running.chain.checkpoint().stage);
+        let stage = self.with(|running| running.chain.stage());
         match stage {
             Stage::Landmarks => "landmarks",
             Stage::Shape => "shape",

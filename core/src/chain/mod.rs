@@ -1,17 +1,21 @@
 //! The Metropolis–Hastings chain: one step at a time, driven by the caller.
 //!
-//! A fit has two stages (FACTS §6.6). The *landmark* stage moves the pose alone and looks at the
-//! landmarks alone; the *image* stage starts from its best state, moves everything and looks at
-//! the picture. Between them there may be a *shape* stage, which moves pose and shape and looks at
-//! the landmarks: for objects whose template is far from what the picture shows. A proposal passes three tests in turn, each cheaper than the next: landmarks,
+//! A fit goes through the phases of its [`Schedule`] (FACTS §6.6): of a face, the *landmark* stage
+//! moves the pose alone and looks at the landmarks alone; the *image* stage starts from its best
+//! state, moves everything and looks at the picture. Between them there may be a *shape* stage,
+//! which moves pose and shape and looks at the landmarks.
+//!
+//! A proposal passes three tests in turn, each cheaper than the next: landmarks,
 //! prior, image. A test accepts with probability `min(1, ratio of its factor)`; the product of the
 //! three satisfies detailed balance for the product of the factors, and most bad proposals never
 //! cost a rendering. The correction of the proposal density belongs to the first test.
 
+mod config;
 mod dimensions;
 mod pipeline;
 mod problem;
 mod refine;
+pub mod schedule;
 
 use crate::hash::Fnv64;
 use crate::likelihood::landmarks::{LandmarkSample, Landmarks, MAX_LANDMARKS, Points};
@@ -20,36 +24,14 @@ use crate::memory::Carver;
 use crate::proposal::{self, Branch, CENTRES, MAX_LEAVES, Part, Surroundings, Table, Touched};
 use crate::rng::Rng;
 use crate::scene::Scene;
+pub use config::Config;
 pub use dimensions::Dimensions;
 use pipeline::{Pipeline, Proposed};
-pub use problem::{ChainError, Config, Problem};
+pub use problem::{ChainError, Problem};
 use refine::{Constraints, Search, search_words};
+use schedule::{Begin, IMAGE, MAX_PHASES, Phase};
+pub use schedule::{Schedule, Stage};
 use serde::{Deserialize, Serialize};
-
-/// The stages of a fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Stage {
-    /// Pose by landmarks.
-    Landmarks,
-    /// Pose and shape by landmarks.
-    Shape,
-    /// Everything by the picture.
-    Image,
-}
-
-impl Stage {
-    /// In order.
-    pub const ALL: [Self; 3] = [Self::Landmarks, Self::Shape, Self::Image];
-
-    /// What belongs to this stage, of what belongs to all in order.
-    fn of<T>(self, [landmarks, shape, image]: [T; 3]) -> T {
-        match self {
-            Self::Landmarks => landmarks,
-            Self::Shape => shape,
-            Self::Image => image,
-        }
-    }
-}
 
 /// The tests a proposal passes, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,7 +58,7 @@ pub enum Outcome {
 pub struct Step {
     /// The stage it belongs to.
     pub stage: Stage,
-    /// Which leaf of the stage's [`Table`] made the proposal.
+    /// Which leaf of the phase's [`Table`] made the proposal.
     pub branch: usize,
     /// What became of it.
     pub outcome: Outcome,
@@ -89,7 +71,7 @@ pub struct Density {
     pub landmarks: f64,
     /// Prior.
     pub prior: f64,
-    /// Image likelihood; 0 in the stages that do not look at it.
+    /// Image likelihood; 0 in the phases that do not look at it.
     pub image: f64,
 }
 
@@ -124,30 +106,30 @@ type Tallies = heapless::Vec<Tally, MAX_LEAVES>;
 /// from its checkpoint goes on with the same bits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
-    /// The stage of the next step.
-    pub stage: Stage,
-    /// Steps done in this stage.
+    /// Number of the next step's phase in the [`Schedule`].
+    pub phase: u8,
+    /// Steps done in this phase.
     pub step: u32,
-    /// Steps of the image stage so far that rendered and compared the picture.
+    /// Steps so far that rendered and compared the picture.
     pub image_evaluated: u32,
     /// The current state.
     pub state: State,
-    /// The state of highest target density in this stage.
+    /// The state of highest target density in this phase.
     pub best: State,
-    /// The state the image stage began with.
+    /// The state that the latest phase to look at the picture began with.
     pub initial: Option<State>,
     /// The random stream.
     pub rng: Rng,
     /// Hash of every accepted state.
     pub fingerprint: Fnv64,
-    /// Acceptance per leaf, by stage.
-    pub tallies: [Tallies; 3],
+    /// Acceptance per leaf, by phase.
+    pub tallies: heapless::Vec<Tallies, MAX_PHASES>,
 }
 
 /// A running fit.
 pub struct Chain<'a, 'w> {
     problem: Problem<'a>,
-    tables: [Table; 3],
+    tables: heapless::Vec<Table, MAX_PHASES>,
     centres: [Option<usize>; CENTRES.len()],
     landmarks: Landmarks<'w>,
     /// Model-frame landmark positions of the current state.
@@ -197,7 +179,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         let density = Density { landmarks: 0.0, prior: 0.0, image: 0.0 };
         let state = State { scene, density };
         let progress = Checkpoint {
-            stage: Stage::Landmarks,
+            phase: 0,
             step: 0,
             image_evaluated: 0,
             best: state.clone(),
@@ -205,7 +187,7 @@ impl<'a, 'w> Chain<'a, 'w> {
             initial: None,
             rng: Rng::new(seed, stream),
             fingerprint: Fnv64::default(),
-            tallies: [const { Tallies::new() }; 3],
+            tallies: heapless::Vec::new(),
         };
         Self::assemble(problem, progress, memory)
     }
@@ -213,14 +195,17 @@ impl<'a, 'w> Chain<'a, 'w> {
     /// Counts nothing yet, and evaluates the first state.
     #[inline(never)]
     fn begin(&mut self) {
+        // As many as phases, and as leaves.
+        let _ = self.progress.tallies.resize_default(self.tables.len());
         for (tallies, table) in self.progress.tallies.iter_mut().zip(&self.tables) {
-            // At most MAX_LEAVES, like the table.
-            let _ = tallies.resize(table.len(), Tally::default());
+            let _ = tallies.resize_default(table.len());
         }
         self.progress.state.density = self.evaluate_current();
         self.progress.best.clone_from(&self.progress.state);
-        if self.problem.config.landmark_samples == 0 {
-            self.enter_next_stage();
+        let Problem { schedule, config, .. } = self.problem;
+        let first = schedule.next(0, config);
+        if first > 0 {
+            self.enter(first);
         }
     }
 
@@ -240,12 +225,16 @@ impl<'a, 'w> Chain<'a, 'w> {
                 || scene.shape.len() > problem.model.shape.rank()
                 || scene.albedo.len() > problem.model.albedo.rank()
                 || scene.shape.len() > problem.config.shape_rank
-        }) {
+        }) || usize::from(checkpoint.phase) >= problem.schedule.phases.len()
+        {
             return Err(ChainError::Checkpoint);
         }
         let mut chain = Self::assemble(problem, checkpoint, memory)?;
         let fits = |t: &(&Tallies, &Table)| t.0.len() == t.1.len();
-        if !chain.progress.tallies.iter().zip(&chain.tables).all(|t| fits(&t)) {
+        let tallies = &chain.progress.tallies;
+        if tallies.len() != chain.tables.len()
+            || !tallies.iter().zip(&chain.tables).all(|t| fits(&t))
+        {
             return Err(ChainError::Checkpoint);
         }
         chain.points = chain.landmarks.points(&chain.progress.state.scene.shape);
@@ -276,19 +265,18 @@ impl<'a, 'w> Chain<'a, 'w> {
                 && branch.centre.is_none_or(|c| centres.get(c).is_some_and(Option::is_some))
                 && (config.search || !branch.kind.is_search())
         };
-        let is_face = centres.iter().any(Option::is_some);
-        let [pose, shape, all] = if is_face {
-            [&proposal::POSE, &proposal::POSE_AND_SHAPE, &proposal::FACE]
-        } else {
-            [&proposal::OBJECT_POSE, &proposal::OBJECT_POSE_AND_SHAPE, &proposal::OBJECT]
-        };
-        // No tree is ever empty: translation always applies. What searches looks at the picture.
-        let blind = |branch: &Branch| applies(branch) && !branch.kind.is_search();
-        let tables = [
-            Table::new(pose, applies).ok_or(ChainError::Config)?,
-            Table::new(shape, blind).ok_or(ChainError::Config)?,
-            Table::new(all, applies).ok_or(ChainError::Config)?,
-        ];
+        let mut tables = heapless::Vec::new();
+        for phase in problem.schedule.phases {
+            // What searches looks at the picture.
+            let may_look = phase.factors & IMAGE != 0;
+            let applies =
+                |branch: &Branch| applies(branch) && (may_look || !branch.kind.is_search());
+            let table = Table::new(phase.moves, applies).ok_or(ChainError::Schedule)?;
+            tables.push(table).map_err(|_| ChainError::Schedule)?;
+        }
+        if tables.is_empty() {
+            return Err(ChainError::Schedule);
+        }
 
         let dimensions = problem.dimensions();
         let error = ChainError::Memory { needed: dimensions.words(), found: memory.len() };
@@ -313,29 +301,41 @@ impl<'a, 'w> Chain<'a, 'w> {
 
     /// Makes one step; `None` when the fit is done.
     pub fn step(&mut self) -> Option<Step> {
-        let config = self.problem.config;
-        let stage = self.progress.stage;
-        let end = stage.of(config.stages());
+        let Problem { schedule, config, .. } = self.problem;
+        let number = usize::from(self.progress.phase);
+        let phase = self.phase()?;
+        let end = (phase.steps)(config);
         if self.progress.step >= end {
             return None;
         }
-        let branch = stage.of(self.tables.each_ref()).pick(&mut self.progress.rng);
-        let outcome = self.try_branch(branch);
+        let branch = self.tables.get(number)?.pick(&mut self.progress.rng);
+        let outcome = self.try_branch(phase, branch);
         // There are as many as leaves.
-        if let Some(tally) = stage.of(self.progress.tallies.each_mut()).get_mut(branch) {
+        let tallies = self.progress.tallies.get_mut(number);
+        if let Some(tally) = tallies.and_then(|tallies| tallies.get_mut(branch)) {
             tally.proposed += 1;
             tally.accepted += u32::from(outcome == Outcome::Accepted);
         }
         self.progress.step += 1;
-        if stage != Stage::Image && self.progress.step == end {
-            self.enter_next_stage();
+        if self.progress.step == end && number + 1 < schedule.phases.len() {
+            self.enter(schedule.next(number + 1, config));
         }
-        Some(Step { stage, branch, outcome })
+        Some(Step { stage: phase.stage, branch, outcome })
     }
 
-    fn try_branch(&mut self, branch: usize) -> Outcome {
-        let stage = self.progress.stage;
-        let Some(branch) = stage.of(self.tables.each_ref()).branch(branch) else {
+    /// The current phase.
+    fn phase(&self) -> Option<&'a Phase> {
+        self.problem.schedule.phase(self.progress.phase)
+    }
+
+    /// Whether the current phase looks at the picture.
+    fn looks(&self) -> bool {
+        self.phase().is_some_and(|phase| phase.factors & IMAGE != 0)
+    }
+
+    fn try_branch(&mut self, phase: &Phase, branch: usize) -> Outcome {
+        let table = self.tables.get(usize::from(self.progress.phase));
+        let Some(branch) = table.and_then(|table| table.branch(branch)) else {
             return Outcome::Failed;
         };
         let current = &self.progress.state;
@@ -375,7 +375,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         if !passes(rng, density.prior - current.density.prior) {
             return Outcome::Rejected(Filter::Prior);
         }
-        if stage == Stage::Image {
+        if phase.factors & IMAGE != 0 {
             // The threshold is drawn first, so that a hopeless proposal can be given up midway.
             let patch = f64::from(self.problem.config.pixel_patch);
             let floor = current.density.image + patch * math::ln(rng.uniform());
@@ -409,26 +409,26 @@ impl<'a, 'w> Chain<'a, 'w> {
         }
     }
 
-    /// Goes on from the best state of this stage.
-    fn enter_next_stage(&mut self) {
-        let is_first = self.progress.stage == Stage::Landmarks;
-        let to_shape = is_first && self.problem.config.shape_samples > 0;
-        self.progress.stage = if to_shape { Stage::Shape } else { Stage::Image };
+    /// Begins phase number `next`.
+    fn enter(&mut self, next: usize) {
+        self.progress.phase = next as u8;
         self.progress.step = 0;
-        self.progress.state = self.progress.best.clone();
+        if self.phase().is_some_and(|phase| phase.begin == Begin::Best) {
+            self.progress.state.clone_from(&self.progress.best);
+        }
         self.points = self.landmarks.points(&self.progress.state.scene.shape);
         self.progress.state.density = self.evaluate_current();
-        self.progress.best = self.progress.state.clone();
-        if !to_shape {
+        self.progress.best.clone_from(&self.progress.state);
+        if self.looks() {
             self.progress.initial = Some(self.progress.state.clone());
         }
     }
 
-    /// All densities of the current state, from scratch; fills the pipeline in the image stage.
+    /// All densities of the current state, from scratch; fills the pipeline if the phase looks at the picture.
     fn evaluate_current(&mut self) -> Density {
         let scene = self.progress.state.scene.clone();
         let density = self.evaluate(&scene);
-        if self.progress.stage == Stage::Image {
+        if self.looks() {
             self.pipeline.accept(Touched::ALL);
         }
         density
@@ -437,7 +437,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     /// All densities of a hypothesis, from scratch. The chain's state stays.
     pub fn evaluate(&mut self, scene: &Scene) -> Density {
         let mut image = 0.0;
-        if self.progress.stage == Stage::Image {
+        if self.looks() {
             let new = Proposed { problem: self.problem, scene, touched: Touched::ALL };
             let none = f64::NEG_INFINITY;
             self.pipeline.update(&new);
@@ -461,7 +461,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         &self.progress.state
     }
 
-    /// The state of highest target density in this stage.
+    /// The state of highest target density in this phase.
     pub fn best(&self) -> &State {
         &self.progress.best
     }
@@ -471,18 +471,25 @@ impl<'a, 'w> Chain<'a, 'w> {
         self.progress.fingerprint.finish()
     }
 
-    /// Steps done and steps in all, over all stages.
+    /// Steps done and steps in all, over all phases.
     pub fn progress(&self) -> (u32, u32) {
-        let [landmarks, shape, image] = self.problem.config.stages();
-        let searched = landmarks.saturating_add(shape);
-        let before = self.progress.stage.of([0, landmarks, searched]);
-        (before.saturating_add(self.progress.step), searched.saturating_add(image))
+        let Problem { schedule, config, .. } = self.problem;
+        let before = schedule.steps_before(self.progress.phase.into(), config);
+        let all = schedule.steps_before(schedule.phases.len(), config);
+        (before.saturating_add(self.progress.step), all)
     }
 
-    /// Acceptance per leaf of a stage.
+    /// The stage of the next step.
+    pub fn stage(&self) -> Stage {
+        self.phase().map_or(Stage::Image, |phase| phase.stage)
+    }
+
+    /// Acceptance per leaf of a stage; of none, if the schedule has no such stage.
     pub fn tallies(&self, stage: Stage) -> impl Iterator<Item = (Branch, Tally)> {
-        let tallies = stage.of(self.progress.tallies.each_ref());
-        stage.of(self.tables.each_ref()).branches().zip(tallies.iter().copied())
+        let phases = self.problem.schedule.phases.iter().zip(&self.tables);
+        let phases = phases.zip(&self.progress.tallies);
+        let of_stage = phases.filter(move |((phase, _), _)| phase.stage == stage);
+        of_stage.flat_map(|((_, table), tallies)| table.branches().zip(tallies.iter().copied()))
     }
 
     /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's

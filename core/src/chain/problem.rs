@@ -1,84 +1,14 @@
 //! What is to be fitted to what, and how.
 
+use super::config::Config;
 use super::dimensions::Dimensions;
+use super::schedule::Schedule;
 use crate::engine::Engine;
 use crate::image::Image;
 use crate::likelihood::landmarks::{MAX_LANDMARKS, Observation};
-use crate::likelihood::prior::Prior;
 use crate::model::Model;
 use crate::scene::MAX_RANK;
 use core::fmt;
-use serde::{Deserialize, Serialize};
-
-/// How a fit is done.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct Config {
-    /// Shape coefficients to infer.
-    pub shape_rank: usize,
-    /// Albedo coefficients to infer.
-    pub albedo_rank: usize,
-    /// Steps of the landmark stage.
-    pub landmark_samples: u32,
-    /// Steps of the shape stage; 0 for faces.
-    pub shape_samples: u32,
-    /// Steps of the image stage.
-    pub samples: u32,
-    /// Standard deviation of a landmark, pixels.
-    pub landmark_sd: f32,
-    /// Standard deviation of a pixel's colour channel.
-    pub pixel_sd: f32,
-    /// Pixels that share one independent error: the image likelihood is raised to the power
-    /// `1/pixel_patch`. What a model cannot explain (a wrinkle, a highlight) is wrong in a whole
-    /// patch of the picture; counted pixel by pixel (1, as the reference engine does) it would
-    /// overrule the prior and be explained by a wrong shape.
-    pub pixel_patch: f32,
-    /// Priors on pose, camera and colour.
-    pub prior: Prior,
-    /// Whether search moves are used. Without them the image stage is a sampler of its target.
-    pub search: bool,
-}
-
-impl Config {
-    /// The same but for what `set` changes:
-    ///
-    /// ```
-    /// # use onescan_core::chain::Config;
-    /// let config = Config::default().with(|config| config.samples = 10_000);
-    /// ```
-    #[must_use]
-    pub fn with(mut self, set: impl FnOnce(&mut Self)) -> Self {
-        set(&mut self);
-        self
-    }
-
-    /// Steps of all stages.
-    pub fn steps(&self) -> u64 {
-        self.stages().into_iter().map(u64::from).sum()
-    }
-
-    pub(super) fn stages(&self) -> [u32; 3] {
-        [self.landmark_samples, self.shape_samples, self.samples]
-    }
-}
-
-impl Default for Config {
-    /// The paper's face fit: 50 + 50 coefficients, 5000 + 5000 samples.
-    fn default() -> Self {
-        Self {
-            shape_rank: 50,
-            albedo_rank: 50,
-            landmark_samples: 5000,
-            shape_samples: 0,
-            samples: 5000,
-            landmark_sd: 4.0,
-            pixel_sd: 0.043,
-            pixel_patch: 80.0,
-            prior: Prior::default(),
-            search: true,
-        }
-    }
-}
 
 /// What is to be fitted to what, and how.
 #[derive(Clone, Copy, Debug)]
@@ -92,6 +22,8 @@ pub struct Problem<'a> {
     pub landmarks: &'a [Observation<'a>],
     /// How.
     pub config: &'a Config,
+    /// In what phases.
+    pub schedule: &'a Schedule,
     /// Who does the expensive work; [`Engine::PORTABLE`] if in doubt.
     pub engine: &'a Engine,
     /// Whether memory is scarcer than time. The chain then takes less than half the memory: a
@@ -145,14 +77,21 @@ impl<'a> Problem<'a> {
         Ok(observed)
     }
 
-    /// With [`Engine::PORTABLE`], and memory enough.
+    /// A face, with [`Engine::PORTABLE`], and memory enough.
     pub const fn new(
         model: &'a Model<'a>,
         image: Image<'a>,
         landmarks: &'a [Observation<'a>],
         config: &'a Config,
     ) -> Self {
-        Self { model, image, landmarks, config, engine: &Engine::PORTABLE, lean: false }
+        let (schedule, engine) = (&Schedule::FACE, &Engine::PORTABLE);
+        Self { model, image, landmarks, config, schedule, engine, lean: false }
+    }
+
+    /// The same in other phases; [`Schedule::of`] the landmarks if it need not be a face.
+    #[must_use]
+    pub const fn with_schedule(self, schedule: &'a Schedule) -> Self {
+        Self { schedule, ..self }
     }
 
     /// The same, the expensive work done by `engine`.
@@ -197,6 +136,9 @@ pub enum ChainError {
     Rank { found: usize },
     /// A standard deviation that is not positive.
     Config,
+    /// A schedule without phases, with too many, or with a phase whose moves all need what the
+    /// problem does not have.
+    Schedule,
     /// The memory is shorter than [`Dimensions::words`].
     Memory { needed: usize, found: usize },
     /// The checkpoint is of another problem: other coefficients or picture size.
@@ -220,6 +162,9 @@ impl fmt::Display for ChainError {
                 write!(f, "{found} coefficients; a fit infers at most {MAX_RANK} of each kind")
             }
             Self::Config => write!(f, "a standard deviation in the configuration is not positive"),
+            Self::Schedule => {
+                write!(f, "the schedule has no phases, too many, or one without moves")
+            }
             Self::Memory { needed, found } => {
                 write!(f, "{found} words of memory; this fit needs {needed}")
             }

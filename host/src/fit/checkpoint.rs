@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// First bytes of a checkpoint file, version included.
-const MAGIC: [u8; 8] = *b"1scanck2";
+const MAGIC: [u8; 8] = *b"1scanck3";
 
 /// What a checkpoint belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -15,7 +15,7 @@ use crate::photo::picture::Picture;
 use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
 
-use onescan_core::chain::{Chain, Config, Problem, Quality, Stage, State, Step, Tally};
+use onescan_core::chain::{Chain, Config, Problem, Quality, Schedule, Stage, State, Step, Tally};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
@@ -189,7 +189,9 @@ impl<'a> Observed<'a> {
     ) -> Problem<'a> {
         let Picture { rgb, width, height } = &self.picture;
         let image = Image { pixels: rgb, width: *width, height: *height };
-        Problem::new(model, image, &self.landmarks, config).with_engine(engine)
+        Problem::new(model, image, &self.landmarks, config)
+            .with_schedule(Schedule::of(&self.landmarks))
+            .with_engine(engine)
     }
 }
 
@@ -279,7 +281,7 @@ impl<'a, 'w> Running<'a, 'w> {
 
 fn trace_point(chain: &Chain<'_, '_>, at: u32, trace: &mut Vec<TracePoint>) {
     let density = chain.state().density;
-    let value = match chain.checkpoint().stage {
+    let value = match chain.stage() {
         Stage::Landmarks | Stage::Shape => density.landmarks,
         Stage::Image => density.image,
     };

@@ -1,0 +1,71 @@
+//! Numbers that say how a fit is done.
+
+use crate::likelihood::prior::Prior;
+use serde::{Deserialize, Serialize};
+
+/// How a fit is done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Config {
+    /// Shape coefficients to infer.
+    pub shape_rank: usize,
+    /// Albedo coefficients to infer.
+    pub albedo_rank: usize,
+    /// Steps of the landmark stage.
+    pub landmark_samples: u32,
+    /// Steps of the shape stage; 0 for faces.
+    pub shape_samples: u32,
+    /// Steps of the image stage.
+    pub samples: u32,
+    /// Standard deviation of a landmark, pixels.
+    pub landmark_sd: f32,
+    /// Standard deviation of a pixel's colour channel.
+    pub pixel_sd: f32,
+    /// Pixels that share one independent error: the image likelihood is raised to the power
+    /// `1/pixel_patch`. What a model cannot explain (a wrinkle, a highlight) is wrong in a whole
+    /// patch of the picture; counted pixel by pixel (1, as the reference engine does) it would
+    /// overrule the prior and be explained by a wrong shape.
+    pub pixel_patch: f32,
+    /// Priors on pose, camera and colour.
+    pub prior: Prior,
+    /// Whether search moves are used. Without them the image stage is a sampler of its target.
+    pub search: bool,
+}
+
+impl Config {
+    /// The same but for what `set` changes:
+    ///
+    /// ```
+    /// # use onescan_core::chain::Config;
+    /// let config = Config::default().with(|config| config.samples = 10_000);
+    /// ```
+    #[must_use]
+    pub fn with(mut self, set: impl FnOnce(&mut Self)) -> Self {
+        set(&mut self);
+        self
+    }
+
+    /// Steps of all stages.
+    pub fn steps(&self) -> u64 {
+        let stages = [self.landmark_samples, self.shape_samples, self.samples];
+        stages.into_iter().map(u64::from).sum()
+    }
+}
+
+impl Default for Config {
+    /// The paper's face fit: 50 + 50 coefficients, 5000 + 5000 samples.
+    fn default() -> Self {
+        Self {
+            shape_rank: 50,
+            albedo_rank: 50,
+            landmark_samples: 5000,
+            shape_samples: 0,
+            samples: 5000,
+            landmark_sd: 4.0,
+            pixel_sd: 0.043,
+            pixel_patch: 80.0,
+            prior: Prior::default(),
+            search: true,
+        }
+    }
+}
