@@ -10,7 +10,8 @@
 //! | positions → picture | [`render`], [`light`], [`color`] |
 //! | picture, landmarks, coefficients → log density | [`image`], [`likelihood`] |
 //! | hypothesis → next hypothesis | [`proposal`], [`rng`] |
-//! | Metropolis–Hastings, filters, stages | [`chain`] |
+//! | any target, any moves → the next state | [`metropolis`] |
+//! | a fit by sampling: its target, schedule and progress | [`chain`] |
 //! | the mode of the posterior, by Levenberg–Marquardt | [`search`], [`least_squares`] |
 //! | memory for all of it | [`memory`], [`chain::Dimensions`] |
 //! | the expensive stages, exchangeable | [`engine`] |
@@ -45,6 +46,7 @@ pub mod likelihood;
 pub mod math;
 pub mod memory;
 pub mod mesh;
+pub mod metropolis;
 pub mod model;
 pub mod naive;
 pub mod proposal;
