@@ -116,8 +116,9 @@ pub trait Target {
     /// below `floor`, which is −∞ for cheap factors.
     fn ln_factor(&mut self, k: usize, new: &New<'_, Self>, now: f64, floor: f64) -> Option<f64>;
 
-    /// Makes what was computed for the proposal the current state's.
-    fn accept(&mut self, _touched: Self::Touched) {}
+    /// Makes what was computed for the proposal the current state's: what [`Target::prepare`] did
+    /// for the factors looked at, and whatever else is kept of a state.
+    fn accept(&mut self, _new: &New<'_, Self>, _looked_at: Factors) {}
 }
 
 /// What a move did.
@@ -209,7 +210,7 @@ pub fn step<T: Target, M: Moves<T>>(
             }
         }
     }
-    target.accept(drawn.touched);
+    target.accept(&new, factors);
     *state = to;
     *density = next;
     Outcome::Accepted

@@ -16,42 +16,25 @@ mod pipeline;
 mod problem;
 mod refine;
 pub mod schedule;
+mod target;
 
 use crate::hash::Fnv64;
-use crate::likelihood::landmarks::{LandmarkSample, Landmarks, MAX_LANDMARKS, Points};
-use crate::math;
+use crate::likelihood::landmarks::{Landmarks, Points};
 use crate::memory::Carver;
-use crate::proposal::{self, Branch, CENTRES, MAX_LEAVES, Part, Surroundings, Table, Touched};
+pub use crate::metropolis::Outcome;
+use crate::metropolis::{self, Factors};
+use crate::proposal::{Branch, CENTRES, MAX_LEAVES, Part, Table, Touched};
 use crate::rng::Rng;
 use crate::scene::Scene;
 pub use config::Config;
 pub use dimensions::Dimensions;
 use pipeline::{Pipeline, Proposed};
 pub use problem::{ChainError, Problem};
-use refine::{Constraints, Search, search_words};
+use refine::search_words;
 use schedule::{Begin, IMAGE, MAX_PHASES, Phase};
 pub use schedule::{Schedule, Stage};
 use serde::{Deserialize, Serialize};
-
-/// The tests a proposal passes, in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub enum Filter {
-    Landmarks,
-    Prior,
-    Image,
-}
-
-/// What became of a proposal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
-    /// It is the new state.
-    Accepted,
-    /// A test turned it down; the state stays.
-    Rejected(Filter),
-    /// The move had nowhere to go; the state stays.
-    Failed,
-}
+use target::{LnFactors, Mixture, Photo};
 
 /// One step of the chain.
 #[derive(Clone, Copy, Debug)]
@@ -76,6 +59,14 @@ pub struct Density {
 }
 
 impl Density {
+    const fn of([landmarks, prior, image]: LnFactors) -> Self {
+        Self { landmarks, prior, image }
+    }
+
+    const fn factors(self) -> LnFactors {
+        [self.landmarks, self.prior, self.image]
+    }
+
     /// Log density of the chain's target, up to a constant.
     pub fn posterior(&self, config: &Config) -> f64 {
         self.landmarks + self.prior + self.image / f64::from(config.pixel_patch)
@@ -128,15 +119,8 @@ pub struct Checkpoint {
 
 /// A running fit.
 pub struct Chain<'a, 'w> {
-    problem: Problem<'a>,
+    target: Photo<'a, 'w>,
     tables: heapless::Vec<Table, MAX_PHASES>,
-    centres: [Option<usize>; CENTRES.len()],
-    landmarks: Landmarks<'w>,
-    /// Model-frame landmark positions of the current state.
-    points: Points,
-    pipeline: Pipeline<'w>,
-    /// Of the search moves.
-    system: &'w mut [f32],
     progress: Checkpoint,
 }
 
@@ -202,7 +186,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         }
         self.progress.state.density = self.evaluate_current();
         self.progress.best.clone_from(&self.progress.state);
-        let Problem { schedule, config, .. } = self.problem;
+        let Problem { schedule, config, .. } = self.target.problem;
         let first = schedule.next(0, config);
         if first > 0 {
             self.enter(first);
@@ -237,7 +221,6 @@ impl<'a, 'w> Chain<'a, 'w> {
         {
             return Err(ChainError::Checkpoint);
         }
-        chain.points = chain.landmarks.points(&chain.progress.state.scene.shape);
         if chain.evaluate_current() != chain.progress.state.density {
             return Err(ChainError::Checkpoint);
         }
@@ -295,13 +278,14 @@ impl<'a, 'w> Chain<'a, 'w> {
         .ok_or(error)?;
         let words = search_words(dimensions.shape_rank, dimensions.albedo_rank);
         let system = carver.floats(words).ok_or(error)?;
-        let points = landmarks.points(&scene.shape);
-        Ok(Self { problem, tables, centres, landmarks, points, pipeline, system, progress })
+        let (points, proposed) = (Points::new(), Points::new());
+        let target = Photo { problem, centres, landmarks, points, proposed, pipeline, system };
+        Ok(Self { target, tables, progress })
     }
 
     /// Makes one step; `None` when the fit is done.
     pub fn step(&mut self) -> Option<Step> {
-        let Problem { schedule, config, .. } = self.problem;
+        let Problem { schedule, config, .. } = self.target.problem;
         let number = usize::from(self.progress.phase);
         let phase = self.phase()?;
         let end = (phase.steps)(config);
@@ -309,7 +293,7 @@ impl<'a, 'w> Chain<'a, 'w> {
             return None;
         }
         let branch = self.tables.get(number)?.pick(&mut self.progress.rng);
-        let outcome = self.try_branch(phase, branch);
+        let outcome = self.try_branch(phase, number, branch);
         // There are as many as leaves.
         let tallies = self.progress.tallies.get_mut(number);
         if let Some(tally) = tallies.and_then(|tallies| tallies.get_mut(branch)) {
@@ -325,76 +309,24 @@ impl<'a, 'w> Chain<'a, 'w> {
 
     /// The current phase.
     fn phase(&self) -> Option<&'a Phase> {
-        self.problem.schedule.phase(self.progress.phase)
+        self.target.problem.schedule.phase(self.progress.phase)
     }
 
-    /// Whether the current phase looks at the picture.
-    fn looks(&self) -> bool {
-        self.phase().is_some_and(|phase| phase.factors & IMAGE != 0)
-    }
-
-    fn try_branch(&mut self, phase: &Phase, branch: usize) -> Outcome {
-        let table = self.tables.get(usize::from(self.progress.phase));
-        let Some(branch) = table.and_then(|table| table.branch(branch)) else {
-            return Outcome::Failed;
-        };
-        let current = &self.progress.state;
-        let touched = branch.kind.touches();
-        if branch.kind.is_search() {
-            self.pipeline.restore(self.problem, &current.scene, Touched::COLOR);
+    fn try_branch(&mut self, phase: &Phase, number: usize, branch: usize) -> Outcome {
+        let Self { target, tables, progress } = self;
+        let Some(table) = tables.get(number) else { return Outcome::Failed };
+        let State { scene, density } = &mut progress.state;
+        let (factors, rng) = (phase.factors, &mut progress.rng);
+        let mut values = density.factors();
+        let outcome =
+            metropolis::step(target, &mut Mixture(table), branch, factors, scene, &mut values, rng);
+        *density = Density::of(values);
+        let judged_by_last = outcome == Outcome::Accepted || outcome == Outcome::Rejected(2);
+        progress.image_evaluated += u32::from(judged_by_last && factors & IMAGE != 0);
+        if outcome == Outcome::Accepted {
+            self.record();
         }
-        let mut scene = current.scene.clone();
-        let mut surroundings = Around {
-            centres: &self.centres,
-            points: &self.points,
-            problem: self.problem,
-            landmarks: &self.landmarks,
-            pipeline: &self.pipeline,
-            system: self.system,
-        };
-        let rng = &mut self.progress.rng;
-        let proposal = proposal::propose(&branch, &mut scene, rng, &mut surroundings);
-        let Some(correction) = proposal else {
-            return Outcome::Failed;
-        };
-        let mut density = current.density;
-
-        let mut points = None;
-        if touched.shape {
-            points = Some(self.landmarks.points(&scene.shape));
-        }
-        if touched.geometry {
-            let points = points.as_ref().unwrap_or(&self.points);
-            density.landmarks = self.landmarks.ln_likelihood(&scene, points);
-        }
-        let gain = density.landmarks - current.density.landmarks + correction;
-        if !passes(rng, gain) {
-            return Outcome::Rejected(Filter::Landmarks);
-        }
-        density.prior = self.problem.config.prior.ln_density(&scene);
-        if !passes(rng, density.prior - current.density.prior) {
-            return Outcome::Rejected(Filter::Prior);
-        }
-        if phase.factors & IMAGE != 0 {
-            // The threshold is drawn first, so that a hopeless proposal can be given up midway.
-            let patch = f64::from(self.problem.config.pixel_patch);
-            let floor = current.density.image + patch * math::ln(rng.uniform());
-            self.progress.image_evaluated += 1;
-            self.pipeline.restore(self.problem, &current.scene, touched);
-            let new = Proposed { problem: self.problem, scene: &scene, touched };
-            self.pipeline.update(&new);
-            match self.pipeline.ln_likelihood(&new, floor) {
-                Some(image) => density.image = image,
-                None => return Outcome::Rejected(Filter::Image),
-            }
-            self.pipeline.accept(touched);
-        }
-        if let Some(points) = points {
-            self.points = points;
-        }
-        self.progress.state = State { scene, density };
-        self.record();
-        Outcome::Accepted
+        outcome
     }
 
     /// Fingerprint and best state after an acceptance.
@@ -403,7 +335,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         for &parameter in progress.state.scene.parameters() {
             progress.fingerprint.write_f32(&[parameter]);
         }
-        let posterior = |state: &State| state.density.posterior(self.problem.config);
+        let posterior = |state: &State| state.density.posterior(self.target.problem.config);
         if posterior(&progress.state) > posterior(&progress.best) {
             progress.best.clone_from(&progress.state);
         }
@@ -416,39 +348,28 @@ impl<'a, 'w> Chain<'a, 'w> {
         if self.phase().is_some_and(|phase| phase.begin == Begin::Best) {
             self.progress.state.clone_from(&self.progress.best);
         }
-        self.points = self.landmarks.points(&self.progress.state.scene.shape);
         self.progress.state.density = self.evaluate_current();
         self.progress.best.clone_from(&self.progress.state);
-        if self.looks() {
+        if self.looked_at() & IMAGE != 0 {
             self.progress.initial = Some(self.progress.state.clone());
         }
     }
 
-    /// All densities of the current state, from scratch; fills the pipeline if the phase looks at the picture.
+    /// All densities of the current state, from scratch; fills the target's buffers.
     fn evaluate_current(&mut self) -> Density {
-        let scene = self.progress.state.scene.clone();
-        let density = self.evaluate(&scene);
-        if self.looks() {
-            self.pipeline.accept(Touched::ALL);
-        }
-        density
+        let looked_at = self.looked_at();
+        Density::of(self.target.begin(&self.progress.state.scene, looked_at))
     }
 
     /// All densities of a hypothesis, from scratch. The chain's state stays.
     pub fn evaluate(&mut self, scene: &Scene) -> Density {
-        let mut image = 0.0;
-        if self.looks() {
-            let new = Proposed { problem: self.problem, scene, touched: Touched::ALL };
-            let none = f64::NEG_INFINITY;
-            self.pipeline.update(&new);
-            image = self.pipeline.ln_likelihood(&new, none).unwrap_or(none);
-        }
-        let points = self.landmarks.points(&scene.shape);
-        Density {
-            landmarks: self.landmarks.ln_likelihood(scene, &points),
-            prior: self.problem.config.prior.ln_density(scene),
-            image,
-        }
+        let looked_at = self.looked_at();
+        Density::of(self.target.evaluate(scene, looked_at))
+    }
+
+    /// The factors that the current phase looks at.
+    fn looked_at(&self) -> Factors {
+        self.phase().map_or(0, |phase| phase.factors)
     }
 
     /// What to save to go on later.
@@ -473,7 +394,7 @@ impl<'a, 'w> Chain<'a, 'w> {
 
     /// Steps done and steps in all, over all phases.
     pub fn progress(&self) -> (u32, u32) {
-        let Problem { schedule, config, .. } = self.problem;
+        let Problem { schedule, config, .. } = self.target.problem;
         let before = schedule.steps_before(self.progress.phase.into(), config);
         let all = schedule.steps_before(schedule.phases.len(), config);
         (before.saturating_add(self.progress.step), all)
@@ -486,7 +407,7 @@ impl<'a, 'w> Chain<'a, 'w> {
 
     /// Acceptance per leaf of a stage; of none, if the schedule has no such stage.
     pub fn tallies(&self, stage: Stage) -> impl Iterator<Item = (Branch, Tally)> {
-        let phases = self.problem.schedule.phases.iter().zip(&self.tables);
+        let phases = self.target.problem.schedule.phases.iter().zip(&self.tables);
         let phases = phases.zip(&self.progress.tallies);
         let of_stage = phases.filter(move |((phase, _), _)| phase.stage == stage);
         of_stage.flat_map(|((_, table), tallies)| table.branches().zip(tallies.iter().copied()))
@@ -495,11 +416,11 @@ impl<'a, 'w> Chain<'a, 'w> {
     /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's
     /// state.
     pub fn quality(&mut self, scene: &Scene) -> Quality {
-        let points = self.landmarks.points(&scene.shape);
-        let new = Proposed { problem: self.problem, scene, touched: Touched::ALL };
-        self.pipeline.update(&new);
-        let (covered, pixel_rmse) = self.pipeline.rmse(&new);
-        Quality { covered, pixel_rmse, landmark_rmse: self.landmarks.rmse(scene, &points) }
+        let points = self.target.landmarks.points(&scene.shape);
+        let new = Proposed { problem: self.target.problem, scene, touched: Touched::ALL };
+        self.target.pipeline.update(&new);
+        let (covered, pixel_rmse) = self.target.pipeline.rmse(&new);
+        Quality { covered, pixel_rmse, landmark_rmse: self.target.landmarks.rmse(scene, &points) }
     }
 }
 
@@ -512,60 +433,4 @@ pub struct Quality {
     pub pixel_rmse: f64,
     /// Root mean square landmark distance, pixels.
     pub landmark_rmse: f64,
-}
-
-/// Accepts with probability `min(1, eᵍ)`. Draws a number only when it decides. `−∞ − (−∞)` is
-/// NaN: a state without density may be left for another without density.
-fn passes(rng: &mut Rng, gain: f64) -> bool {
-    gain >= 0.0 || gain.is_nan() || math::ln(rng.uniform()) < gain
-}
-
-/// What the moves see of the chain.
-struct Around<'s, 'a, 'w> {
-    centres: &'s [Option<usize>; CENTRES.len()],
-    points: &'s Points,
-    problem: Problem<'a>,
-    landmarks: &'s Landmarks<'w>,
-    pipeline: &'s Pipeline<'w>,
-    system: &'s mut [f32],
-}
-
-impl Surroundings for Around<'_, '_, '_> {
-    fn centre(&self, index: usize) -> Option<[f32; 3]> {
-        self.points.get((*self.centres.get(index)?)?).copied()
-    }
-
-    fn solve_light(&mut self, scene: &mut Scene, points: u32, rng: &mut Rng) -> Option<()> {
-        let triangles = self.problem.model.triangles;
-        scene.light = self.pipeline.solve_light(triangles, scene, points, rng)?;
-        Some(())
-    }
-
-    fn refine(&mut self, scene: &mut Scene, part: Part, points: u32, rng: &mut Rng) -> Option<()> {
-        let Problem { model, config, engine, .. } = self.problem;
-        let search = Search {
-            points,
-            fraction: rng.uniform() as f32,
-            // What the linearised pixels' inverse variance amounts to.
-            sd: config.pixel_sd * math::sqrt(config.pixel_patch),
-            normal_equations: engine.normal_equations,
-            memory: self.system,
-        };
-        match part {
-            Part::Albedo => self.pipeline.refine_albedo(model, scene, search, rng),
-            Part::Shape => {
-                let mut samples = heapless::Vec::<LandmarkSample, MAX_LANDMARKS>::new();
-                for sample in self.landmarks.samples(scene, self.points) {
-                    // As many as landmarks.
-                    let _ = samples.push(sample);
-                }
-                let constraints = Constraints {
-                    landmarks: &samples,
-                    landmark_sd: config.landmark_sd,
-                    prior: &config.prior,
-                };
-                self.pipeline.refine_shape(model, scene, &constraints, search, rng)
-            }
-        }
-    }
 }

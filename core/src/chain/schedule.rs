@@ -2,6 +2,7 @@
 
 use super::config::Config;
 use crate::likelihood::landmarks::Observation;
+use crate::metropolis::Factors;
 use crate::proposal::{
     CENTRES, FACE, OBJECT, OBJECT_POSE, OBJECT_POSE_AND_SHAPE, POSE, POSE_AND_SHAPE, Tree,
 };
@@ -22,9 +23,6 @@ impl Stage {
     /// In order.
     pub const ALL: [Self; 3] = [Self::Landmarks, Self::Shape, Self::Image];
 }
-
-/// Factors of a target, by number: bit `k` is factor `k`.
-pub type Factors = u8;
 
 /// [`Factors`]: the landmark likelihood.
 pub const LANDMARKS: Factors = 1 << 0;
