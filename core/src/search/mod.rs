@@ -6,12 +6,12 @@
 //! `E = ½‖a‖² + ½‖b‖² + priors + Σ landmarks + Σ_p w_p ‖I_p − c_p‖² / (2σ²·patch)`,
 //!
 //! where `w_p` is the probability that pixel `p` shows the face and not something before it
-//! ([`occlusion`]), estimated anew before every step. The image term is the *mean* over the
+//! (`occlusion.rs`), estimated anew before every step. The image term is the *mean* over the
 //! covered pixels times the weight they had before the step: to cover fewer of them is no gain.
 //!
 //! A step's direction is exact: the derivative of every covered pixel's colour, passed back by
-//! reverse differentiation through shading, normals, projection and basis ([`shading`],
-//! [`surface`]), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
+//! reverse differentiation through shading, normals, projection and basis (`shading.rs`,
+//! `surface.rs`), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
 //! the pixels, drawn evenly from a random first one on. So the seed changes the way to the mode,
 //! not the mode. Steps that do not lower `E` are not taken, but damped more.
 //!
