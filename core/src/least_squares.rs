@@ -107,10 +107,11 @@ impl<'s> System<'s> {
 
     /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
     pub(crate) fn add(&mut self, which: usize, weight: f32, residual: f32) {
-        let Some(row) = self.rows.get(which) else { return };
-        let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
-        put(place, row);
-        self.weigh(weight, residual);
+        if let Some(row) = self.rows.get(which) {
+            let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
+            put(place, row);
+            self.weigh(weight, residual);
+        }
     }
 
     /// Adds a weighted equation whose row is the caller's.
@@ -142,6 +143,13 @@ impl<'s> System<'s> {
         self.flush();
         cholesky(self.a, self.b)?;
         Some(self.b)
+    }
+
+    /// The right side `b`.
+    #[cfg(test)]
+    pub(crate) fn right_side(&mut self) -> &[f32] {
+        self.flush();
+        self.b
     }
 
     /// Adds to the right side.

@@ -17,7 +17,6 @@ use crate::likelihood::landmarks::LandmarkSample;
 use crate::likelihood::prior::Prior;
 use crate::math;
 use crate::scene::{MAX_RANK, PixelCamera, Pose, Scene};
-use core::array::from_fn;
 
 /// Pose parameters refined together with the shape: rotation vector, translation in x and y, and
 /// the logarithms of the focal length and of the distance at constant size.
@@ -253,28 +252,11 @@ pub(super) fn shape(
     }
     let [wx, wy, wz, tx, ty, zoom, recede] =
         pose.first_chunk::<POSE_PARAMETERS>()?.map(|delta| fraction * delta);
-    turn(&mut scene.pose, [wx, wy, wz]);
+    scene.pose.turn([wx, wy, wz]);
     scene.pose.translation[0] += tx;
     scene.pose.translation[1] += ty;
     let factor = |x: f32| math::exp(f64::from(x)) as f32;
     scene.pose.translation[2] *= factor(recede);
     scene.camera.focal_length *= factor(zoom + recede);
     Some(())
-}
-
-/// Rotates the pose by a small rotation vector of the world.
-fn turn(pose: &mut Pose, w: [f32; 3]) {
-    let angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
-    let angle = math::sqrt(angle2);
-    let (sin, cos) = math::sin_cos(angle);
-    let (a, b) = if angle > 1e-6 { (sin / angle, (1.0 - cos) / angle2) } else { (1.0, 0.5) };
-    // Rodrigues: e = cos·I + a·[w]× + b·w wᵀ.
-    let e = [
-        [cos + b * w[0] * w[0], b * w[0] * w[1] - a * w[2], b * w[0] * w[2] + a * w[1]],
-        [b * w[0] * w[1] + a * w[2], cos + b * w[1] * w[1], b * w[1] * w[2] - a * w[0]],
-        [b * w[0] * w[2] - a * w[1], b * w[1] * w[2] + a * w[0], cos + b * w[2] * w[2]],
-    ];
-    let r = pose.rotation();
-    let product = e.map(|row| from_fn(|j| row[0] * r[0][j] + row[1] * r[1][j] + row[2] * r[2][j]));
-    (pose.roll, pose.yaw, pose.pitch) = Pose::euler(&product);
 }

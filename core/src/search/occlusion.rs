@@ -1,11 +1,10 @@
-//! Where a face is likely to be hidden, and what of a picture shows it.
+//! Where a face is likely to be hidden, before the picture is seen.
 //!
-//! A covered pixel shows the face, `N(colour, σ²)`, or something before it, distributed as the
-//! picture outside the face is (Egger et al. 2018; the paper's supplement). Before the picture is
-//! seen, a point of the face is hidden with probability ε: hardly within the face, mostly above
-//! the brows and at the sides, where hair is.
+//! A point of the face is hidden with probability ε: hardly within the face, mostly above the
+//! brows and at the sides, where hair is.
 
 use super::vector::Vec3;
+use crate::math;
 use crate::model::Model;
 
 /// ε within the face.
@@ -35,7 +34,7 @@ impl Hiding {
                 .landmarks()
                 .filter(|(name, _)| name.contains("eyebrow") && name.contains("upper"))
                 .map(|(_, vertex)| model.shape.mean_at(vertex as usize)[1])
-                .reduce(crate::math::more)?;
+                .reduce(math::more)?;
             let [left, right] = [place("left.eye.corner_outer")?, place("right.eye.corner_outer")?];
             Some([brows, 0.5 * (left[0] - right[0])])
         };
@@ -49,6 +48,24 @@ impl Hiding {
         let above = ramp(y - brows, ABOVE_BROWS);
         let side = if x < 0.0 { -x } else { x };
         let beside = ramp(side / eyes, SIDEWAYS);
-        INSIDE + (HAIR - INSIDE) * crate::math::more(above, beside)
+        INSIDE + (HAIR - INSIDE) * math::more(above, beside)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hair_is_expected_above_the_brows_and_at_the_sides() {
+        let face = Hiding { face: Some([40.0, 44.0]) };
+        assert_eq!(face.at([0.0, 0.0, 80.0]), INSIDE);
+        assert_eq!(face.at([10.0, 44.0, 60.0]), INSIDE);
+        assert_eq!(face.at([0.0, 70.0, 50.0]), HAIR);
+        assert_eq!(face.at([75.0, 0.0, 0.0]), HAIR);
+        assert_eq!(face.at([-75.0, 0.0, 0.0]), HAIR);
+        let between = face.at([0.0, 52.5, 50.0]);
+        assert!((between - 0.5 * (INSIDE + HAIR)).abs() < 1e-6, "{between}");
+        assert_eq!(Hiding { face: None }.at([0.0, 200.0, 0.0]), ANYWHERE);
     }
 }

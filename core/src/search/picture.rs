@@ -25,10 +25,9 @@ impl Kernel {
         Self { taps, reach }
     }
 
-    /// `out = Σ tap · values`, over lines of `width` numbers that lie `line` apart; what lies
-    /// outside counts as unknown.
+    /// `out = Σ tap · values / Σ tap`, along lines of `count` numbers that lie `step` apart; both
+    /// sums leave out what lies beyond a line's ends.
     fn along(&self, values: &[f32], out: &mut [f32], step: usize, count: usize) {
-        // Numbers `step` apart are neighbours, `count` of them in a line.
         let Some(lines) = values.len().checked_div(step * count) else { return };
         for line in 0..lines {
             let range = line * step * count..(line + 1) * step * count;
@@ -38,8 +37,8 @@ impl Kernel {
             out.fill(0.0);
             for (i, &tap) in self.taps.iter().enumerate().take(self.reach + 1) {
                 let shift = (i * step).min(values.len());
-                let (ahead, here) = (values.get(shift..).unwrap_or_default(), &mut *out);
-                for (o, v) in here.iter_mut().zip(ahead) {
+                let ahead = values.get(shift..).unwrap_or_default();
+                for (o, v) in out.iter_mut().zip(ahead) {
                     *o += tap * v;
                 }
                 if i > 0 {
@@ -49,8 +48,6 @@ impl Kernel {
                 }
             }
             for (place, out) in out.chunks_exact_mut(step).enumerate() {
-                let inside = |i: usize| i <= place || i + place < count;
-                let _ = inside;
                 let mut sum = self.taps[0];
                 for (i, &tap) in self.taps.iter().enumerate().take(self.reach + 1).skip(1) {
                     sum += if place >= i { tap } else { 0.0 };
@@ -117,5 +114,55 @@ pub(super) fn ln_background(
     for (ln, &pixel) in ln_density.iter_mut().zip(pixels) {
         let count = histogram.get(bin(pixel)).copied().unwrap_or(0.0);
         *ln = math::ln(f64::from(UNSEEN + seen * count)) as f32;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec;
+
+    const WIDTH: usize = 40;
+    const HEIGHT: usize = 30;
+
+    #[test]
+    fn a_blur_keeps_a_plain_picture_and_spreads_a_dot_by_its_width() {
+        let mut scratch = vec![0.0; WIDTH * HEIGHT];
+        let mut plain = vec![0.7; WIDTH * HEIGHT];
+        blur(&mut plain, &mut scratch, WIDTH, 2.0);
+        assert!(plain.iter().all(|x| (x - 0.7).abs() < 1e-6));
+        let mut dot = vec![0.0; WIDTH * HEIGHT];
+        let centre = [20, 15];
+        dot[centre[1] * WIDTH + centre[0]] = 1.0;
+        blur(&mut dot, &mut scratch, WIDTH, 2.0);
+        let (mut sum, mut spread) = (0.0, [0.0; 2]);
+        for (i, &x) in dot.iter().enumerate() {
+            sum += x;
+            for (spread, (at, centre)) in
+                spread.iter_mut().zip([i % WIDTH, i / WIDTH].into_iter().zip(centre))
+            {
+                let distance = at as f32 - centre as f32;
+                *spread += x * distance * distance;
+            }
+        }
+        assert!((sum - 1.0).abs() < 1e-5, "{sum}");
+        // Three standard deviations of a Gaussian of variance 4: 3.95 or so.
+        assert!(spread.iter().all(|v| (v - 3.95).abs() < 0.1), "{spread:?}");
+    }
+
+    #[test]
+    fn the_background_is_a_density_of_what_lies_outside() {
+        // Two colours in bins far apart, the second only inside.
+        let pixels: std::vec::Vec<_> =
+            (0..100).map(|i| if i < 60 { [20, 20, 20] } else { [200, 30, 90] }).collect();
+        let mut histogram = vec![0.0; HISTOGRAM_LEN];
+        let mut ln = vec![0.0; 100];
+        ln_background(&pixels, |i| i < 60, &mut histogram, &mut ln);
+        let total: f32 = histogram.iter().sum();
+        assert!((total - 60.0).abs() < 1e-3, "{total}");
+        assert!((ln[99] - math::ln(f64::from(UNSEEN)) as f32).abs() < 1e-6);
+        // The bin's own share after smoothing is an eighth.
+        let expected = f64::from(UNSEEN) + 0.8 * HISTOGRAM_LEN as f64 / 8.0;
+        assert!((f64::from(ln[0]) - math::ln(expected)).abs() < 1e-4, "{}", ln[0]);
     }
 }

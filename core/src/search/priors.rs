@@ -21,9 +21,6 @@ pub struct Widths {
     pub focal: f32,
     /// Of the object's place, mm across.
     pub translation: f32,
-    /// Precision of an albedo coefficient, by which the image term's errors that are wide in
-    /// space (shadows, gloss) are kept out of the albedo.
-    pub albedo_precision: f32,
 }
 
 impl Default for Widths {
@@ -34,7 +31,6 @@ impl Default for Widths {
             chroma: [0.04, 0.03, 0.02],
             focal: 0.5,
             translation: 200.0,
-            albedo_precision: 1.0,
         }
     }
 }
@@ -57,7 +53,7 @@ fn sum_of_squares(values: &[f32]) -> f64 {
 pub(super) struct Priors<'a> {
     pub(super) prior: &'a Prior,
     pub(super) widths: Widths,
-    /// The default camera's.
+    /// The default camera's focal length.
     pub(super) focal_length: f32,
 }
 
@@ -86,7 +82,7 @@ impl Priors<'_> {
             return f64::INFINITY;
         }
         let mut sum = 0.5 * sum_of_squares(&scene.shape)
-            + 0.5 * f64::from(widths.albedo_precision) * sum_of_squares(&scene.albedo)
+            + 0.5 * sum_of_squares(&scene.albedo)
             + energy(self.ln_distance(scene), prior.distance_sd)
             + energy(self.ln_focal(scene), widths.focal);
         for axis in 0..2 {
@@ -109,7 +105,7 @@ impl Priors<'_> {
         sum
     }
 
-    /// Adds the priors to the equations; `row` is scratch as long as there are unknowns.
+    /// Adds the priors' equations.
     pub(super) fn add(&self, scene: &Scene, layout: Layout, system: &mut System<'_>) {
         let Self { prior, widths, .. } = self;
         let mut at = 0;
@@ -127,11 +123,8 @@ impl Priors<'_> {
         }
         pull(system, 0.0, 0.0);
         pull(system, precision(prior.distance_sd), self.ln_distance(scene));
-        for &c in &scene.shape {
+        for &c in scene.shape.iter().chain(&scene.albedo) {
             pull(system, 1.0, c);
-        }
-        for &c in &scene.albedo {
-            pull(system, widths.albedo_precision, c);
         }
         for _ in 0..LIGHT {
             pull(system, 0.0, 0.0);

@@ -1,12 +1,23 @@
 //! The derivatives against finite differences, and the search against its own promises.
 
+use super::shading::slopes;
+use super::vector::{Vec3, dot, scale, sub, xyz};
+use super::window::Window;
 use super::*;
+use crate::basis::padded;
 use crate::chain::Config;
 use crate::engine::Engine;
 use crate::image::Image;
+use crate::least_squares::system_words;
+use crate::light::frontal;
 use crate::likelihood::landmarks::Observation;
+use crate::math;
+use crate::mesh::vertex_normals;
 use crate::model::Model;
 use crate::render;
+use crate::render::rasterize::Hit;
+use crate::rng::Rng;
+use core::array::from_fn;
 use std::vec;
 use std::vec::Vec;
 
@@ -334,4 +345,110 @@ fn what_hides_the_face_does_not_bend_it() {
         })
     });
     assert!(robust.0 < 0.7 * plain.0, "{} {}", robust.0, plain.0);
+}
+
+#[test]
+fn priors_and_landmarks_pull_as_their_energies_fall() {
+    let case = Case::new(8);
+    case.run(Options::default(), 1, |search| {
+        let mut rng = Rng::new(2, 0);
+        let mut scene = search.scene.clone();
+        for c in scene.shape.iter_mut().chain(&mut scene.albedo) {
+            *c = rng.normal_sd(0.8);
+        }
+        for l in scene.light.as_flattened_mut() {
+            *l += rng.normal_sd(0.1);
+        }
+        scene.pose.translation = [30.0, -20.0, -900.0];
+        scene.camera.focal_length *= 1.2;
+        scene.color.gain = [1.03, 0.97, 1.01];
+        scene.color.contrast = 0.9;
+        scene.color.offset = [0.01, -0.02, 0.005];
+        let layout = search.layout;
+        let (n, priors) = (layout.len(), search.priors());
+        let mut memory = vec![0.0; system_words(n)];
+        let mut right = |landmarks: bool, search: &mut ModeSearch<'_, '_>| {
+            let mut system =
+                System::new(n, Engine::PORTABLE.normal_equations, &mut memory).unwrap();
+            if landmarks {
+                let sd = search.problem.config.landmark_sd;
+                let model = search.problem.model;
+                let components = &mut *search.components[0];
+                let landmarks = &search.landmarks;
+                landmarks::add_equations(model, landmarks, &scene, sd, components, &mut system);
+            } else {
+                priors.add(&scene, layout, &mut system);
+            }
+            system.right_side().to_vec()
+        };
+        let found = [right(false, search), right(true, search)];
+        for (name, right, h) in [("priors", &found[0], 1e-2), ("landmarks", &found[1], 1e-3)] {
+            for i in 0..n {
+                let at = |h: f32, search: &ModeSearch<'_, '_>| {
+                    let mut step = vec![0.0; n];
+                    step[i] = h;
+                    let mut scene = scene.clone();
+                    advance(&mut scene, &layout.split(&mut step).unwrap());
+                    if name == "priors" {
+                        priors.energy(&scene)
+                    } else {
+                        search.landmark_energy(&scene)
+                    }
+                };
+                let slope = (at(-h, search) - at(h, search)) / (2.0 * f64::from(h));
+                let right = f64::from(right[i]);
+                let bound = 0.02 * right.abs() + 0.02;
+                assert!((slope - right).abs() < bound, "{name} {i}: {right} {slope}");
+            }
+        }
+        let mut expected = search.scene.clone();
+        expected.light = frontal();
+        assert!(priors.energy(&scene) > priors.energy(&expected));
+    });
+}
+
+#[test]
+fn normals_are_those_of_the_renderer() {
+    let case = Case::new(2);
+    case.run(Options::default(), 1, |search| {
+        search.scene = case.truth.clone();
+        search.render();
+        let model = search.problem.model;
+        let mut normals = vec![[0.0; 4]; padded(model.vertices())];
+        vertex_normals(model.triangles, search.surface.positions, &mut normals);
+        for (v, normal) in normals.iter().enumerate().take(model.vertices()) {
+            let difference = sub(xyz(*normal), xyz(at(search.surface.normals, v)));
+            assert!(dot(difference, difference) < 1e-10, "{v}");
+        }
+    });
+}
+
+#[test]
+fn a_basis_and_its_transpose_agree_about_products() {
+    let bytes = aligned();
+    let model = model(&bytes);
+    let mut rng = Rng::new(4, 0);
+    for basis in [&model.shape, &model.albedo] {
+        let c: Vec<f32> = (0..basis.rank()).map(|_| rng.normal_sd(1.0)).collect();
+        let mut cost = vec![[0.0; 4]; padded(model.vertices())];
+        for cost in cost.iter_mut().take(model.vertices()) {
+            *cost = [rng.normal_sd(1.0), rng.normal_sd(1.0), rng.normal_sd(1.0), 0.0];
+        }
+        let mut fields = [&c[..], &[]].map(|c| {
+            let mut field = vec![[0.0; 4]; cost.len()];
+            basis.instance(c, &mut field);
+            field
+        });
+        let [field, mean] = &mut fields;
+        let one: f64 = field
+            .iter()
+            .zip(mean)
+            .zip(&cost)
+            .map(|((x, m), y)| f64::from(dot(sub(xyz(*x), xyz(*m)), xyz(*y))))
+            .sum();
+        let mut costs = vec![0.0; c.len()];
+        basis.transposed(&cost, &mut costs);
+        let two: f64 = costs.iter().zip(&c).map(|(x, y)| f64::from(x * y)).sum();
+        assert!((one - two).abs() < 1e-3 * one.abs().max(1.0), "{one} {two}");
+    }
 }

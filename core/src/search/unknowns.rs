@@ -12,8 +12,7 @@
 //! | then 7 | gain (3), contrast, offset (3) | as in [`ColorTransform`](crate::color::ColorTransform) |
 
 use crate::math;
-use crate::scene::{Pose, Scene};
-use core::array::from_fn;
+use crate::scene::Scene;
 
 /// Entries of pose and camera.
 pub const POSE: usize = 7;
@@ -80,7 +79,7 @@ pub struct Parts<'v> {
 /// Goes a step from a scene.
 pub fn advance(scene: &mut Scene, step: &Parts<'_>) {
     let [wx, wy, wz, tx, ty, zoom, recede] = *step.pose;
-    turn(&mut scene.pose, [wx, wy, wz]);
+    scene.pose.turn([wx, wy, wz]);
     let factor = |x: f32| math::exp(f64::from(x)) as f32;
     scene.pose.translation[0] += tx;
     scene.pose.translation[1] += ty;
@@ -98,21 +97,4 @@ pub fn advance(scene: &mut Scene, step: &Parts<'_>) {
     add(&mut scene.color.gain, &[*r, *g, *b]);
     scene.color.contrast += *contrast;
     add(&mut scene.color.offset, offset);
-}
-
-/// Rotates the pose by a small rotation vector of the world.
-fn turn(pose: &mut Pose, w: [f32; 3]) {
-    let angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
-    let angle = math::sqrt(angle2);
-    let (sin, cos) = math::sin_cos(angle);
-    let (a, b) = if angle > 1e-6 { (sin / angle, (1.0 - cos) / angle2) } else { (1.0, 0.5) };
-    // Rodrigues: e = cos·I + a·[w]× + b·w wᵀ.
-    let e = [
-        [cos + b * w[0] * w[0], b * w[0] * w[1] - a * w[2], b * w[0] * w[2] + a * w[1]],
-        [b * w[0] * w[1] + a * w[2], cos + b * w[1] * w[1], b * w[1] * w[2] - a * w[0]],
-        [b * w[0] * w[2] - a * w[1], b * w[1] * w[2] + a * w[0], cos + b * w[2] * w[2]],
-    ];
-    let r = pose.rotation();
-    let product = e.map(|row| from_fn(|j| row[0] * r[0][j] + row[1] * r[1][j] + row[2] * r[2][j]));
-    (pose.roll, pose.yaw, pose.pitch) = Pose::euler(&product);
 }

@@ -6,7 +6,7 @@ use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::fit::checkpoint::Save;
 use onescan::fit::output::{self, Names};
-use onescan::fit::{Control, Ending, Job, mode};
+use onescan::fit::{self, Control, Ending, Job};
 use onescan::interchange;
 use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
@@ -161,8 +161,8 @@ impl Fit {
                 .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
         }
         if self.schedule == Schedule::Mode {
-            let task = console.task("searching", mode::iterations());
-            let found = watch(&stop, task, |control| job.find_mode(control.stop, control.steps))?;
+            let task = console.task("searching", fit::most_steps());
+            let found = watch(&stop, task, |control| job.find_mode(control))?;
             let fit = found.ok_or_else(|| Error::new("interrupted; nothing was written"))?;
             return self.write(&job, &fit, model.provenance(), console);
         }
@@ -189,7 +189,7 @@ impl Fit {
     fn write(
         &self,
         job: &Job<'_>,
-        fit: &onescan::fit::Fit,
+        fit: &fit::Fit,
         provenance: &str,
         console: Console,
     ) -> Result<()> {

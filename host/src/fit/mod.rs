@@ -2,7 +2,7 @@
 
 pub mod checkpoint;
 #[cfg(feature = "full")]
-pub mod mode;
+mod mode;
 pub mod output;
 #[cfg(feature = "full")]
 mod parallel;
@@ -14,6 +14,7 @@ use crate::photo::Crop;
 use crate::photo::picture::Picture;
 use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
+use summary::ModeFound;
 
 use onescan_core::chain::{Chain, Config, Problem, Quality, Schedule, Stage, State, Step, Tally};
 use onescan_core::engine::Engine;
@@ -22,9 +23,12 @@ use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
-#[cfg(feature = "full")]
-pub use parallel::{Control, Ending};
 use std::collections::BTreeMap;
+#[cfg(feature = "full")]
+pub use {
+    mode::most_steps,
+    parallel::{Control, Ending},
+};
 
 /// Points of a likelihood trace.
 const TRACE_POINTS: u32 = 400;
@@ -92,8 +96,16 @@ pub struct Fit {
     /// Acceptance over all chains.
     pub acceptance: Vec<Acceptance>,
     /// Of a search for the mode.
-    #[cfg(feature = "full")]
-    pub mode: Option<mode::Mode>,
+    pub mode: Option<Mode>,
+}
+
+/// What a search for the mode leaves besides its scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mode {
+    /// How it ended.
+    pub found: ModeFound,
+    /// Probability of each pixel of the crop to show the face; 0 where it does not reach.
+    pub mask: Vec<f32>,
 }
 
 impl Job<'_> {
@@ -153,7 +165,6 @@ impl Job<'_> {
             steps_per_second: own_steps as f64 / own_seconds.max(1e-9),
             trace: run.save.trace,
             acceptance,
-            #[cfg(feature = "full")]
             mode: None,
         })
     }

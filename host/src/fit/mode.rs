@@ -1,38 +1,27 @@
-//! The mode of the posterior instead of a chain: minutes of walking in a second or two.
+//! The search for the mode of the posterior, in place of a chain.
 
-use super::{Fit, Job, Observed};
+use super::parallel::Control;
+use super::summary::ModeFound;
+use super::{Fit, Job, Mode, Observed};
 use crate::error::{Error, Result};
 use crate::simd;
 use onescan_core::chain::{Chain, State};
 use onescan_core::search::{self, ModeSearch, Options};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-/// The most iterations of a search, for a progress bar.
-pub fn iterations() -> u64 {
+/// The most steps of [`Job::find_mode`], for a progress bar.
+pub fn most_steps() -> u64 {
     search::LEVELS.iter().map(|level| u64::from(level.iterations)).sum()
 }
 
-/// What a search for the mode knows besides its scene.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Mode {
-    /// Whether the last steps changed nothing.
-    pub converged: bool,
-    /// Steps of all levels.
-    pub iterations: u32,
-    /// Log posterior density with the mask given, up to a constant.
-    pub posterior: f64,
-    /// Probability of each pixel of the crop to show the face; 0 where it does not reach.
-    pub mask: Vec<f32>,
-}
-
 impl Job<'_> {
-    /// Searches for the mode; `None` if `stop` was set. Seed and settings are the job's, as far as
-    /// they do not speak of a chain's steps.
+    /// Searches for the mode on one thread; `None` if [`Control::stop`] was set. Seed and settings
+    /// are the job's, but for its chains and their steps.
     ///
     /// # Errors
     /// Landmarks the model does not have, a crop that does not fit the photo.
-    pub fn find_mode(&self, stop: &AtomicBool, steps: &AtomicU64) -> Result<Option<Fit>> {
+    pub fn find_mode(&self, control: &Control<'_>) -> Result<Option<Fit>> {
         let config = self.config.clone().with(|config| {
             (config.landmark_samples, config.shape_samples, config.samples) = (0, 0, 0);
         });
@@ -44,22 +33,22 @@ impl Job<'_> {
             .map_err(Error::new)?;
         let (mut trace, mut taken) = (Vec::new(), 0);
         while let Some(iteration) = search.step() {
-            if stop.load(Ordering::Relaxed) {
+            if control.stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            steps.fetch_add(1, Ordering::Relaxed);
+            control.steps.fetch_add(1, Ordering::Relaxed);
             taken += u64::from(iteration.after != iteration.before);
             trace.push((search.iterations(), -iteration.after.total()));
         }
         // It may have converged early.
-        steps.store(iterations(), Ordering::Relaxed);
+        control.steps.store(most_steps(), Ordering::Relaxed);
         let seconds = start.elapsed().as_secs_f64();
-        let mode = Mode {
+        let found = ModeFound {
             converged: search.converged(),
             iterations: search.iterations(),
             posterior: -search.energy().total(),
-            mask: search.mask().to_vec(),
         };
+        let mask = search.mask().to_vec();
         let scenes = [search.initial().clone(), search.scene().clone()];
         let fingerprint = search.fingerprint();
         // A chain without steps says how well the scenes explain the picture.
@@ -70,7 +59,7 @@ impl Job<'_> {
             let density = chain.evaluate(&scene);
             State { scene, density }
         });
-        let iterations = u64::from(mode.iterations);
+        let iterations = u64::from(found.iterations);
         Ok(Some(Fit {
             crop: self.crop,
             initial,
@@ -85,7 +74,7 @@ impl Job<'_> {
             steps_per_second: iterations as f64 / seconds.max(1e-9),
             trace,
             acceptance: Vec::new(),
-            mode: Some(mode),
+            mode: Some(Mode { found, mask }),
         }))
     }
 }

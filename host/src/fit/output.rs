@@ -5,9 +5,7 @@ use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
 use crate::fit::rps::Rps;
-use crate::fit::summary::{
-    BeforeAfter, ModeFound, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex,
-};
+use crate::fit::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};
 use crate::mesh::Mesh;
 use crate::mesh::glb;
 use crate::mesh::ply::{self, Encoding};
@@ -122,26 +120,11 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
             })
             .collect(),
         trace: fit.trace.clone(),
-        mode: mode_found(fit),
+        mode: fit.mode.as_ref().map(|mode| mode.found),
         parameters,
     };
     let mesh = render::instance(job.model, &fit.best.scene.shape, &fit.best.scene.albedo);
     Ok(Finished { mesh, pictures: pictures(job, fit, &summary.parameters)?, summary })
-}
-
-/// How a search for the mode ended.
-fn mode_found(fit: &Fit) -> Option<ModeFound> {
-    #[cfg(feature = "full")]
-    return fit.mode.as_ref().map(|mode| ModeFound {
-        converged: mode.converged,
-        iterations: mode.iterations,
-        posterior: mode.posterior,
-    });
-    #[cfg(not(feature = "full"))]
-    {
-        let _ = fit;
-        None
-    }
 }
 
 /// The command that repeats the fit.
@@ -170,12 +153,9 @@ fn command(job: &Job<'_>, fit: &Fit, names: &Names) -> String {
     if !config.search {
         command.push_str(" --sampler");
     }
-    #[cfg(feature = "full")]
     if fit.mode.is_some() {
         command.push_str(" --schedule mode");
     }
-    #[cfg(not(feature = "full"))]
-    let _ = fit;
     command
 }
 
@@ -193,10 +173,7 @@ fn pictures(job: &Job<'_>, fit: &Fit, in_photo: &Scene) -> Result<Pictures> {
     scene.camera.image_size = crop.scaled_to;
     let sides = SIDES.map(|yaw| side_view(job.model, &scene, yaw));
     let on_photo = render::draw_over(job.model, &scene, &photo)?;
-    #[cfg(feature = "full")]
     let masked = fit.mode.as_ref().map(|mode| masked(fit.crop, &mode.mask, &photo, &on_photo));
-    #[cfg(not(feature = "full"))]
-    let masked = None;
     Ok(Pictures {
         masked,
         on_photo,
@@ -208,7 +185,6 @@ fn pictures(job: &Job<'_>, fit: &Fit, in_photo: &Scene) -> Result<Pictures> {
 }
 
 /// The mask as a picture, and the model behind what it holds to be no face.
-#[cfg(feature = "full")]
 fn masked(crop: Crop, mask: &[f32], photo: &Picture, on_photo: &Picture) -> Masked {
     let [width, height] = crop.scaled_to;
     let grey: Vec<[f32; 3]> = mask.iter().map(|&m| [m; 3]).collect();

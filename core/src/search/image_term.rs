@@ -1,0 +1,161 @@
+//! The image term: its energy, and what it costs to change anything that colours are made of.
+
+use super::shading::{Point, Shading, slopes};
+use super::state::{Costs, ModeSearch};
+use super::surface::at;
+use super::unknowns::{COLOR, POSE};
+use super::vector::{Vec3, apply, cross, dot, scale, sub, xyz};
+use super::window::Window;
+use crate::render::rasterize::Hit;
+use crate::scene::Scene;
+
+impl ModeSearch<'_, '_> {
+    /// What a visible pixel of the current scene shows.
+    #[inline(always)]
+    pub(super) fn point(&self, shading: &Shading, hit: &Hit) -> Option<([usize; 3], Point)> {
+        let corners = self.problem.model.triangles.get(hit.triangle)?.map(|v| v as usize);
+        let [second, third] = hit.weights;
+        let weights = [1.0 - second - third, second, third];
+        let normals = corners.map(|v| xyz(at(self.surface.normals, v)));
+        let albedos = corners.map(|v| xyz(at(self.surface.albedo, v)));
+        Some((corners, shading.point(weights, normals, albedos)))
+    }
+
+    /// The photo at a pixel.
+    #[inline(always)]
+    pub(super) fn photo(&self, index: usize) -> Vec3 {
+        let [r, g, b] = &self.planes.photo;
+        [at(r, index), at(g, index), at(b, index)]
+    }
+
+    /// Energy of the picture as rendered of a scene; `visible` is the sum the mask had when it was
+    /// estimated. Infinite if nothing that shows the face is covered.
+    #[inline(never)]
+    pub(super) fn image_energy(&self, scene: &Scene, visible: f32) -> f64 {
+        let width = self.problem.image.width as usize;
+        let shading = Shading::new(scene);
+        let (mut squares, mut weights) = (0.0_f64, 0.0_f64);
+        for y in self.frame.rows() {
+            let (mut row, mut row_weights) = (0.0_f32, 0.0_f32);
+            for x in self.frame.columns() {
+                let index = y * width + x;
+                let mask = at(self.planes.mask, index);
+                if mask == 0.0 {
+                    continue;
+                }
+                let Some(hit) = self.frame.hit(x, y) else { continue };
+                let Some((_, point)) = self.point(&shading, &hit) else { continue };
+                let difference = sub(self.photo(index), point.color);
+                row += mask * dot(difference, difference);
+                row_weights += mask;
+            }
+            squares += f64::from(row);
+            weights += f64::from(row_weights);
+        }
+        if !(weights > 0.0) {
+            return f64::INFINITY;
+        }
+        squares * f64::from(visible) / weights * 0.5 * f64::from(self.pixel_weight())
+    }
+
+    /// What a squared difference of colours counts.
+    pub(super) fn pixel_weight(&self) -> f32 {
+        let sd = self.sd();
+        1.0 / (sd * sd * self.problem.config.pixel_patch)
+    }
+
+    /// The slopes of a triangle's barycentric coordinates in the window.
+    #[inline(always)]
+    pub(super) fn slopes(&self, corners: [usize; 3]) -> [[f32; 2]; 3] {
+        slopes(corners.map(|v| {
+            let [x, y, ..] = at(self.surface.window, v);
+            [x, y]
+        }))
+    }
+
+    /// Adds `−∂E/∂x` of the image term to the gradient.
+    #[inline(never)]
+    pub(super) fn add_gradient(&mut self, shading: &Shading) {
+        let width = self.problem.image.width as usize;
+        let weight = self.pixel_weight();
+        let Costs { normals, albedo, positions } = &mut self.costs;
+        normals.fill([0.0; 4]);
+        albedo.fill([0.0; 4]);
+        positions.fill([0.0; 4]);
+        let mut light = [[0.0_f64; 3]; 9];
+        let mut color = [0.0_f64; COLOR];
+        for y in self.frame.rows() {
+            for x in self.frame.columns() {
+                let index = y * width + x;
+                let mask = at(self.planes.mask, index);
+                if mask < 1e-3 {
+                    continue;
+                }
+                let Some(hit) = self.frame.hit(x, y) else { continue };
+                let Some((corners, point)) = self.point(shading, &hit) else { continue };
+                let difference = sub(self.photo(index), point.color);
+                let adjoint = shading.adjoint(&point, scale(difference, mask * weight));
+                let motion = adjoint.motion(&point, &self.slopes(corners));
+                for (vertex, w) in corners.into_iter().zip(point.weights) {
+                    let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {
+                        if let Some(to) = to {
+                            *to = [to[0] + w * x, to[1] + w * y, to[2] + w * z, 0.0];
+                        }
+                    };
+                    put(self.costs.normals.get_mut(vertex), adjoint.normal);
+                    put(self.costs.albedo.get_mut(vertex), adjoint.albedo);
+                    put(self.costs.positions.get_mut(vertex), [motion[0], motion[1], 0.0]);
+                }
+                for (sum, y) in light.iter_mut().zip(adjoint.harmonics) {
+                    for (sum, r) in sum.iter_mut().zip(adjoint.radiance) {
+                        *sum += f64::from(y * r);
+                    }
+                }
+                for (sum, c) in color.iter_mut().zip(adjoint.color) {
+                    *sum += f64::from(c);
+                }
+            }
+        }
+        let mut pose = [0.0_f64; POSE];
+        let view = Window::new(&self.scene);
+        for (v, cost) in self.costs.positions.iter_mut().enumerate() {
+            let [x, y, ..] = *cost;
+            if x != 0.0 || y != 0.0 {
+                let (moved, by_pose) = view.adjoint(xyz(at(self.surface.positions, v)), [x, y]);
+                *cost = [moved[0], moved[1], moved[2], 0.0];
+                for (sum, p) in pose.iter_mut().zip(by_pose) {
+                    *sum += f64::from(p);
+                }
+            }
+        }
+        for v in 0..self.problem.model.vertices() {
+            let cost = xyz(at(self.costs.normals, v));
+            if cost == [0.0; 3] {
+                continue;
+            }
+            let turned = apply(&view.rotation, cross(xyz(at(self.surface.normals, v)), cost));
+            for (sum, t) in pose.iter_mut().zip(turned) {
+                *sum += f64::from(t);
+            }
+            let positions = &mut *self.costs.positions;
+            self.surface.normal_adjoint(self.problem.model, v, cost, |vertex, cost| {
+                if let Some(to) = positions.get_mut(vertex) {
+                    *to = [to[0] + cost[0], to[1] + cost[1], to[2] + cost[2], 0.0];
+                }
+            });
+        }
+        let model = self.problem.model;
+        let Some(parts) = self.layout.split(self.gradient) else { return };
+        for (g, p) in parts.pose.iter_mut().zip(pose) {
+            *g += p as f32;
+        }
+        model.shape.transposed(self.costs.positions, parts.shape);
+        model.albedo.transposed(self.costs.albedo, parts.albedo);
+        for (g, l) in parts.light.as_flattened_mut().iter_mut().zip(light.as_flattened()) {
+            *g += *l as f32;
+        }
+        for (g, c) in parts.color.iter_mut().zip(color) {
+            *g += c as f32;
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! The landmarks: their energy and their equations.
+//!
+//! A landmark's error has a t distribution in the plane, `½(ν + 2) ln(1 + q/ν)` with
+//! `q = ‖Δ‖²/σ²`: like a Gaussian's nearby, but one that is far off has little to say. Its
+//! equations count with `(ν + 2)/(ν + q)`, the weight of iteratively reweighted least squares.
+
+use super::unknowns::POSE;
+use super::vector::dot;
+use super::window::Window;
+use crate::least_squares::System;
+use crate::likelihood::landmarks::{Landmarks, Points};
+use crate::math;
+use crate::model::Model;
+use crate::scene::Scene;
+
+/// Degrees of freedom ν.
+const LANDMARK_FREEDOM: f64 = 8.0;
+
+/// Negative log density of the landmarks, up to a constant; `sd` is in pixels.
+pub(super) fn energy(landmarks: &Landmarks<'_>, scene: &Scene, points: &Points, sd: f32) -> f64 {
+    let sd = f64::from(sd);
+    landmarks
+        .samples(scene, points)
+        .map(|sample| {
+            let [x, y] = sample.residual.map(f64::from);
+            let q = (x * x + y * y) / (sd * sd);
+            0.5 * (LANDMARK_FREEDOM + 2.0) * math::ln(1.0 + q / LANDMARK_FREEDOM)
+        })
+        .sum()
+}
+
+/// Adds the landmarks' equations. `components` is scratch, as long as there are coefficients.
+pub(super) fn add_equations(
+    model: &Model<'_>,
+    landmarks: &Landmarks<'_>,
+    scene: &Scene,
+    sd: f32,
+    components: &mut [[f32; 3]],
+    system: &mut System<'_>,
+) {
+    let view = Window::new(scene);
+    let points = landmarks.points(&scene.shape);
+    for sample in landmarks.samples(scene, &points) {
+        model.shape.at(sample.vertex, components);
+        let [x, y] = sample.residual;
+        let q = (x * x + y * y) / (sd * sd);
+        let freedom = LANDMARK_FREEDOM as f32;
+        let weight = (freedom + 2.0) / (freedom + q) / (sd * sd);
+        for (axis, residual) in [x, y].into_iter().enumerate() {
+            let mut cost = [0.0; 2];
+            cost[axis] = 1.0;
+            let (moved, pose) = view.adjoint(sample.point, cost);
+            let row = &mut system.rows[0];
+            row.fill(0.0);
+            for (out, p) in row.iter_mut().zip(pose) {
+                *out = p;
+            }
+            for (out, b) in row.get_mut(POSE..).unwrap_or_default().iter_mut().zip(&*components) {
+                *out = dot(moved, *b);
+            }
+            system.add(0, weight, residual);
+        }
+    }
+}

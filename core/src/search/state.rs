@@ -1,0 +1,264 @@
+//! The state of a search, in the caller's memory.
+
+use super::occlusion::Hiding;
+use super::priors::{Priors, Widths};
+use super::surface::{Surface, surface_words};
+use super::unknowns::Layout;
+use crate::basis::padded;
+use crate::chain::Problem;
+use crate::hash::Fnv64;
+use crate::least_squares::{matrix_words, system_words};
+use crate::likelihood::background::HISTOGRAM_LEN;
+use crate::likelihood::landmarks::{Landmarks, rows_words};
+use crate::memory::Carver;
+use crate::render::rasterize::{Frame, frame_words};
+use crate::rng::Rng;
+use crate::scene::{Camera, Scene};
+
+/// One resolution of the search.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Standard deviation of the photo's blur, pixels; at most 4.
+    pub blur: f32,
+    /// Standard deviation of a pixel's colour channel, as a multiple of the configuration's.
+    pub error: f32,
+    /// The most iterations.
+    pub iterations: u32,
+}
+
+/// The levels of a search, coarse to fine.
+pub const LEVELS: [Level; 4] = [
+    Level { blur: 4.0, error: 2.8, iterations: 5 },
+    Level { blur: 2.0, error: 1.86, iterations: 5 },
+    Level { blur: 1.0, error: 1.4, iterations: 5 },
+    Level { blur: 0.0, error: 1.0, iterations: 30 },
+];
+/// What a search needs to know besides the problem.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Priors that only the search uses.
+    pub widths: Widths,
+    /// Whether pixels may show something else than the face.
+    pub occlusion: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { widths: Widths::default(), occlusion: true }
+    }
+}
+
+/// Words of memory a [`ModeSearch`] of a problem needs.
+pub fn words(problem: &Problem<'_>) -> usize {
+    let d = problem.dimensions();
+    let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
+    let n = layout.len();
+    let pixels = d.width * d.height;
+    let rest = frame_words(d.width, d.height)
+        + surface_words(d.vertices, problem.model.triangles.len())
+        + 3 * 4 * padded(d.vertices)
+        + 3 * (d.shape_rank + d.albedo_rank)
+        + rows_words(d.landmarks, d.shape_rank)
+        + equations_words(n)
+        + matrix_words(n)
+        + 5 * n;
+    7 * pixels + rest
+}
+
+/// Words of the normal equations, or of the histogram that is made there before.
+const fn equations_words(n: usize) -> usize {
+    let equations = system_words(n);
+    if equations > HISTOGRAM_LEN { equations } else { HISTOGRAM_LEN }
+}
+
+/// `E`, part by part.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Energy {
+    /// Of the covered pixels.
+    pub image: f64,
+    /// Of the landmarks.
+    pub landmarks: f64,
+    /// Of everything else.
+    pub prior: f64,
+}
+
+impl Energy {
+    /// The sum.
+    pub fn total(&self) -> f64 {
+        self.image + self.landmarks + self.prior
+    }
+}
+
+/// Planes of a picture, a number per pixel.
+pub(super) struct Planes<'w> {
+    /// The photo at this level.
+    pub(super) photo: [&'w mut [f32]; 3],
+    pub(super) ln_background: &'w mut [f32],
+    /// Probability that a covered pixel shows the face; 0 where nothing is covered.
+    pub(super) mask: &'w mut [f32],
+    pub(super) scratch: [&'w mut [f32]; 2],
+}
+
+/// Of every vertex, what it costs to change it.
+pub(super) struct Costs<'w> {
+    pub(super) normals: &'w mut [[f32; 4]],
+    pub(super) albedo: &'w mut [[f32; 4]],
+    /// First of the window coordinates, then of the positions.
+    pub(super) positions: &'w mut [[f32; 4]],
+}
+
+/// A running search.
+pub struct ModeSearch<'a, 'w> {
+    pub(super) problem: Problem<'a>,
+    pub(super) options: Options,
+    pub(super) hiding: Hiding,
+    pub(super) layout: Layout,
+    pub(super) scene: Scene,
+    /// What the search for the pose by landmarks came to.
+    pub(super) initial: Scene,
+    pub(super) landmarks: Landmarks<'w>,
+    pub(super) planes: Planes<'w>,
+    pub(super) frame: Frame<'w>,
+    pub(super) surface: Surface<'w>,
+    pub(super) costs: Costs<'w>,
+    /// A vertex's components.
+    pub(super) components: [&'w mut [[f32; 3]]; 2],
+    /// Of a pixel's three channels.
+    pub(super) rows: [&'w mut [f32]; 3],
+    pub(super) system: &'w mut [f32],
+    pub(super) matrix: &'w mut [f32],
+    pub(super) gradient: &'w mut [f32],
+    pub(super) step: &'w mut [f32],
+    pub(super) rng: Rng,
+    pub(super) fingerprint: Fnv64,
+    pub(super) damping: f32,
+    pub(super) level: usize,
+    pub(super) iteration: u32,
+    pub(super) iterations: u32,
+    pub(super) still: u32,
+    /// Covered pixels, and the sum of the mask, when it was last estimated.
+    pub(super) seen: (usize, f32),
+    pub(super) energy: Energy,
+}
+
+impl<'a, 'w> ModeSearch<'a, 'w> {
+    /// Carves the memory; `None` if it is shorter than [`words`].
+    #[inline(never)]
+    pub(super) fn carve(
+        problem: Problem<'a>,
+        options: Options,
+        observed: &[(u32, [f32; 2])],
+        seed: u64,
+        memory: &'w mut [u32],
+    ) -> Option<Self> {
+        let Problem { model, image, config, .. } = problem;
+        let d = problem.dimensions();
+        let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
+        let n = layout.len();
+        let pixels = d.width * d.height;
+        let mut carver = Carver::new(memory);
+        let mut plane = || carver.floats(pixels);
+        let planes = Planes {
+            photo: [plane()?, plane()?, plane()?],
+            ln_background: plane()?,
+            mask: plane()?,
+            scratch: [plane()?, plane()?],
+        };
+        let frame = Frame::carve(&mut carver, d.width, d.height)?;
+        let surface = Surface::carve(&mut carver, model)?;
+        let mut quads = || carver.quads(padded(d.vertices));
+        let costs = Costs { normals: quads()?, albedo: quads()?, positions: quads()? };
+        let mut components = |rank: usize| Some(carver.floats(3 * rank)?.as_chunks_mut().0);
+        let components = [components(d.shape_rank)?, components(d.albedo_rank)?];
+        let sd = config.landmark_sd;
+        let landmarks = Landmarks::gather(&mut carver, model, observed, d.shape_rank, sd)?;
+        let scene = Scene::initial(image.width, image.height, d.shape_rank, d.albedo_rank);
+        Some(Self {
+            problem,
+            options,
+            hiding: Hiding::of(model),
+            layout,
+            initial: scene.clone(),
+            scene,
+            landmarks,
+            planes,
+            frame,
+            surface,
+            costs,
+            components,
+            rows: [carver.floats(n)?, carver.floats(n)?, carver.floats(n)?],
+            system: carver.floats(equations_words(n))?,
+            matrix: carver.floats(matrix_words(n))?,
+            gradient: carver.floats(n)?,
+            step: carver.floats(n)?,
+            rng: Rng::new(seed, 0),
+            fingerprint: Fnv64::default(),
+            damping: 1e-2,
+            level: 0,
+            iteration: 0,
+            iterations: 0,
+            still: 0,
+            seen: (0, 0.0),
+            energy: Energy::default(),
+        })
+    }
+
+    /// The scene so far.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The scene by the landmarks alone.
+    pub fn initial(&self) -> &Scene {
+        &self.initial
+    }
+
+    /// Probability of every pixel to show the face, row by row; 0 where the face does not reach.
+    pub fn mask(&self) -> &[f32] {
+        self.planes.mask
+    }
+
+    /// Energy of the scene so far, at its level.
+    pub fn energy(&self) -> Energy {
+        self.energy
+    }
+
+    /// Iterations so far.
+    pub fn iterations(&self) -> u32 {
+        self.iterations
+    }
+
+    /// Hash of every scene on the way.
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint.finish()
+    }
+
+    /// Whether the level is the last.
+    pub(super) fn finest(&self) -> bool {
+        self.level + 1 == LEVELS.len()
+    }
+
+    /// The level the search is at.
+    pub(super) fn level(&self) -> Level {
+        LEVELS.get(self.level).copied().unwrap_or(LEVELS[LEVELS.len() - 1])
+    }
+
+    /// The priors at work.
+    pub(super) fn priors(&self) -> Priors<'a> {
+        let [width, height] = self.scene.camera.image_size;
+        let focal_length = Camera::for_image(width, height).focal_length;
+        Priors { prior: &self.problem.config.prior, widths: self.options.widths, focal_length }
+    }
+
+    /// Standard deviation of a pixel's channel at this level.
+    pub(super) fn sd(&self) -> f32 {
+        self.level().error * self.problem.config.pixel_sd
+    }
+
+    /// Computes and rasterizes the surface of the scene.
+    pub(super) fn render(&mut self) {
+        let Problem { model, engine, .. } = self.problem;
+        self.surface.update(model, engine, &self.scene);
+        (engine.rasterize)(model.triangles, self.surface.window, &mut self.frame);
+    }
+}
