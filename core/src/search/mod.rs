@@ -38,7 +38,7 @@ use crate::scene::Scene;
 use shading::Shading;
 pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words};
 use surface::at;
-use unknowns::{POSE, advance};
+use unknowns::{Layout, advance};
 
 /// Iterations on the landmarks alone, for the pose.
 const POSE_ITERATIONS: u32 = 40;
@@ -106,48 +106,40 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     /// Pose and camera by the landmarks, the shape being the mean.
     #[inline(never)]
     fn find_pose(&mut self) {
+        let [width, height] = self.scene.camera.image_size;
+        // Without coefficients there are few unknowns; nothing here pulls on light and colour.
+        let mut scene = Scene::initial(width, height, 0, 0);
+        let energy = |scene: &Scene, search: &Self| {
+            search.landmark_energy(scene) + search.priors().energy(scene)
+        };
         let mut damping = 1e-3;
         for _ in 0..POSE_ITERATIONS {
-            let energy = |scene: &Scene, search: &Self| {
-                search.landmark_energy(scene) + search.priors().energy(scene)
-            };
-            let before = energy(&self.scene, self);
-            let solved = self.solve_pose(damping);
-            let mut scene = self.scene.clone();
-            if let (Some(()), Some(step)) = (solved, self.layout.split(self.step)) {
-                advance(&mut scene, &step);
-                if energy(&scene, self) < before {
-                    self.scene = scene;
-                    damping *= 0.2;
-                    continue;
-                }
+            let mut ahead = scene.clone();
+            self.step_pose(&mut ahead, damping);
+            if energy(&ahead, self) < energy(&scene, self) {
+                scene = ahead;
+                damping *= 0.2;
+            } else {
+                damping *= 5.0;
             }
-            damping *= 5.0;
         }
+        (self.scene.pose, self.scene.camera) = (scene.pose, scene.camera);
         self.initial.clone_from(&self.scene);
         self.energy.landmarks = self.landmark_energy(&self.scene);
         self.energy.prior = self.priors().energy(&self.scene);
     }
 
-    /// A step of the pose alone: everything else is held by its damping.
-    fn solve_pose(&mut self, lambda: f32) -> Option<()> {
-        let n = self.layout.len();
+    /// Goes a step of the pose, of a scene without coefficients.
+    fn step_pose(&mut self, scene: &mut Scene, lambda: f32) -> Option<()> {
+        let layout = Layout { shape_rank: 0, albedo_rank: 0 };
+        let n = layout.len();
         let priors = self.priors();
         let mut system = System::new(n, self.problem.engine.normal_equations, self.system)?;
-        landmarks::add_equations(
-            self.problem.model,
-            &self.landmarks,
-            &self.scene,
-            self.problem.config.landmark_sd,
-            self.components[0],
-            &mut system,
-        );
-        priors.add(&self.scene, self.layout, &mut system);
-        let held = |i: usize| if i < POSE { pose_damping(i) } else { 1e6 };
-        system.solve_damped(lambda, held, self.matrix, self.step)?;
-        if let Some(rest) = self.step.get_mut(POSE..) {
-            rest.fill(0.0);
-        }
+        let (model, sd) = (self.problem.model, self.problem.config.landmark_sd);
+        landmarks::add_equations(model, &self.landmarks, scene, sd, &mut [], &mut system);
+        priors.add(scene, layout, &mut system);
+        system.solve_damped(lambda, pose_damping, self.matrix, self.step)?;
+        advance(scene, &layout.split(self.step)?);
         Some(())
     }
 
@@ -261,13 +253,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         system.push(self.gradient);
         let light = self.layout.light()..self.layout.color();
         let damping = |i: usize| {
-            if i < POSE {
-                pose_damping(i)
-            } else if light.contains(&i) {
-                1.0
-            } else {
-                0.0
-            }
+            if light.contains(&i) { 1.0 } else { pose_damping(i) }
         };
         for _ in 0..TRIES {
             if system.solve_damped(self.damping, damping, self.matrix, self.step).is_some() {
@@ -288,7 +274,8 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     }
 }
 
-/// Levenberg's absolute damping of pose and camera: half a radian, 100 mm, half the focal length.
+/// Levenberg's absolute damping of pose and camera: half a radian, 100 mm, half the focal length;
+/// none of anything else.
 fn pose_damping(i: usize) -> f32 {
     [4.0, 4.0, 4.0, 1e-4, 1e-4, 4.0, 0.0].get(i).copied().unwrap_or(0.0)
 }

@@ -1,6 +1,7 @@
 //! The derivatives against finite differences, and the search against its own promises.
 
 use super::shading::slopes;
+use super::unknowns::POSE;
 use super::vector::{Vec3, dot, scale, sub, xyz};
 use super::window::Window;
 use super::*;
