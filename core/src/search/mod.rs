@@ -12,8 +12,9 @@
 //! A step's direction is exact: the derivative of every covered pixel's colour, passed back by
 //! reverse differentiation through shading, normals, projection and basis (`shading.rs`,
 //! `surface.rs`), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
-//! the pixels, drawn evenly from a random first one on. So the seed changes the way to the mode,
-//! not the mode. Steps that do not lower `E` are not taken, but damped more.
+//! the pixels, drawn evenly from a random first one on. Steps that do not lower `E` are not taken,
+//! but damped more. Given the mask, the seed changes the way to the mode and not the mode; but the
+//! mask is held as it was found on the way, and on photos that leaves modes some nats apart.
 //!
 //! From coarse to fine: the photo is blurred less and a pixel's error is smaller at every level
 //! ([`Level`]).

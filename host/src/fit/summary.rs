@@ -68,7 +68,7 @@ pub struct Proposal {
 /// How a search for the mode ended.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModeFound {
-    /// Whether the last steps changed nothing.
+    /// Whether the last steps changed nothing, the mask being held.
     pub converged: bool,
     /// Steps of all levels.
     pub iterations: u32,
