@@ -159,6 +159,13 @@ impl<'s> System<'s> {
         }
     }
 
+    /// What a step that solves the damped equations is expected to lower the function by, of which
+    /// `b` is the downward slope: `½ bᵀδ`, or somewhat more.
+    pub(crate) fn promise(&self, step: &[f32]) -> f64 {
+        let products = self.b.iter().zip(step).map(|(b, d)| f64::from(*b) * f64::from(*d));
+        0.5 * products.sum::<f64>()
+    }
+
     /// Solves `(A + λ diag A + D) δ = b` into `step` and leaves the equations as they are; `matrix`
     /// is scratch of [`matrix_words`]. `None` if the matrix is not positive definite.
     pub(crate) fn solve_damped(

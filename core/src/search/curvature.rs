@@ -37,12 +37,12 @@ impl ModeSearch<'_, '_> {
                     continue;
                 }
                 next += stride;
-                let mask = at(self.planes.mask, y * width + x);
-                if mask < 1e-2 {
+                let pixel = at(self.planes.weights, y * width + x);
+                if pixel < 1e-2 {
                     continue;
                 }
                 let Some((corners, point)) = self.point(shading, &hit) else { continue };
-                self.add_pixel(shading, &view, corners, &point, weight * mask, system);
+                self.add_pixel(shading, &view, corners, &point, weight * pixel, system);
             }
         }
     }

@@ -1,13 +1,12 @@
-//! The image term: its energy, and what it costs to change anything that colours are made of.
+//! The image term's gradient: what it costs to change anything that colours are made of.
 
 use super::shading::{Point, Shading, slopes};
 use super::state::{Costs, ModeSearch};
 use super::surface::at;
 use super::unknowns::{COLOR, POSE};
-use super::vector::{Vec3, apply, cross, dot, scale, sub, xyz};
+use super::vector::{Vec3, apply, cross, scale, sub, xyz};
 use super::window::Window;
 use crate::render::rasterize::Hit;
-use crate::scene::Scene;
 
 impl ModeSearch<'_, '_> {
     /// What a visible pixel of the current scene shows.
@@ -26,36 +25,6 @@ impl ModeSearch<'_, '_> {
     pub(super) fn photo(&self, index: usize) -> Vec3 {
         let [r, g, b] = &self.planes.photo;
         [at(r, index), at(g, index), at(b, index)]
-    }
-
-    /// Energy of the picture as rendered of a scene; `visible` is the sum the mask had when it was
-    /// estimated. Infinite if nothing that shows the face is covered.
-    #[inline(never)]
-    pub(super) fn image_energy(&self, scene: &Scene, visible: f32) -> f64 {
-        let width = self.problem.image.width as usize;
-        let shading = Shading::new(scene);
-        let (mut squares, mut weights) = (0.0_f64, 0.0_f64);
-        for y in self.frame.rows() {
-            let (mut row, mut row_weights) = (0.0_f32, 0.0_f32);
-            for x in self.frame.columns() {
-                let index = y * width + x;
-                let mask = at(self.planes.mask, index);
-                if mask == 0.0 {
-                    continue;
-                }
-                let Some(hit) = self.frame.hit(x, y) else { continue };
-                let Some((_, point)) = self.point(&shading, &hit) else { continue };
-                let difference = sub(self.photo(index), point.color);
-                row += mask * dot(difference, difference);
-                row_weights += mask;
-            }
-            squares += f64::from(row);
-            weights += f64::from(row_weights);
-        }
-        if !(weights > 0.0) {
-            return f64::INFINITY;
-        }
-        squares * f64::from(visible) / weights * 0.5 * f64::from(self.pixel_weight())
     }
 
     /// What a squared difference of colours counts.
@@ -77,7 +46,7 @@ impl ModeSearch<'_, '_> {
     #[inline(never)]
     pub(super) fn add_gradient(&mut self, shading: &Shading) {
         let width = self.problem.image.width as usize;
-        let weight = self.pixel_weight();
+        let unit = self.pixel_weight();
         let Costs { normals, albedo, positions } = &mut self.costs;
         normals.fill([0.0; 4]);
         albedo.fill([0.0; 4]);
@@ -87,14 +56,14 @@ impl ModeSearch<'_, '_> {
         for y in self.frame.rows() {
             for x in self.frame.columns() {
                 let index = y * width + x;
-                let mask = at(self.planes.mask, index);
-                if mask < 1e-3 {
+                let weight = at(self.planes.weights, index) * unit;
+                if weight < 1e-3 * unit {
                     continue;
                 }
                 let Some(hit) = self.frame.hit(x, y) else { continue };
                 let Some((corners, point)) = self.point(shading, &hit) else { continue };
                 let difference = sub(self.photo(index), point.color);
-                let adjoint = shading.adjoint(&point, scale(difference, mask * weight));
+                let adjoint = shading.adjoint(&point, scale(difference, weight));
                 let motion = adjoint.motion(&point, &self.slopes(corners));
                 for (vertex, w) in corners.into_iter().zip(point.weights) {
                     let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {

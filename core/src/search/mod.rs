@@ -3,18 +3,15 @@
 //! The unknowns are pose, camera, shape, albedo, light and colour transform ([`unknowns`]); what is
 //! minimised is
 //!
-//! `E = ½‖a‖² + ½‖b‖² + priors + Σ landmarks + Σ_p w_p ‖I_p − c_p‖² / (2σ²·patch)`,
+//! `E = ½‖a‖² + ½‖b‖² + priors + Σ landmarks + image term`,
 //!
-//! where `w_p` is the probability that pixel `p` shows the face and not something before it
-//! (`occlusion.rs`), estimated anew before every step. The image term is the *mean* over the
-//! covered pixels times the weight they had before the step: to cover fewer of them is no gain.
+//! where a pixel may also show something before the face (`mask.rs`, `occlusion.rs`).
 //!
 //! A step's direction is exact: the derivative of every covered pixel's colour, passed back by
 //! reverse differentiation through shading, normals, projection and basis (`shading.rs`,
 //! `surface.rs`), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
 //! the pixels, drawn evenly from a random first one on. Steps that do not lower `E` are not taken,
-//! but damped more. Given the mask, the seed changes the way to the mode and not the mode; but the
-//! mask is held as it was found on the way, and on photos that leaves modes some nats apart.
+//! but damped more. The seed changes the way to the mode, not what is minimised.
 //!
 //! From coarse to fine: the photo is blurred less and a pixel's error is smaller at every level
 //! ([`Level`]).
@@ -43,11 +40,11 @@ use unknowns::{Layout, advance};
 
 /// Iterations on the landmarks alone, for the pose.
 const POSE_ITERATIONS: u32 = 40;
-/// Decrease of `E` below which a step counts as none.
-const STILL: f64 = 0.05;
-/// Iterations of the finest level after which the mask is held, so that what is minimised no longer
-/// changes.
-const RENEWALS: u32 = 8;
+/// Expected decrease of `E` below which a step counts as none.
+const STILL: f64 = 0.02;
+/// Pixels' worth of `E` that a step of the finest level may rise above the lowest yet: as many come
+/// and go at the outlines, of which the derivative knows nothing.
+const NOISE: f64 = 24.0;
 /// Steps in a row that count as none before the search has converged.
 const PATIENCE: u32 = 2;
 /// Dampings tried for one step.
@@ -58,9 +55,9 @@ const TRIES: u32 = 6;
 pub struct Iteration {
     /// Index of the level in [`LEVELS`].
     pub level: usize,
-    /// Energy before it, with the mask it estimated.
+    /// Energy before it.
     pub before: Energy,
-    /// Energy after it, with the same mask; the same if no step was taken.
+    /// Energy after it; the same if no step was taken.
     pub after: Energy,
     /// Levenberg's damping after it.
     pub damping: f32,
@@ -150,6 +147,8 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.level = level;
         self.iteration = 0;
         self.still = 0;
+        self.lowest = f64::INFINITY;
+        self.fresh = false;
         self.damping = 1e-2;
         let blur = self.level().blur;
         let width = self.problem.image.width as usize;
@@ -166,32 +165,28 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         if self.done() {
             return None;
         }
-        self.render();
-        let held = self.finest() && self.iteration >= RENEWALS;
-        if !held {
-            self.seen = self.estimate_mask();
+        if !self.fresh {
+            self.render();
+            self.energy = self.evaluate(&self.scene.clone());
         }
+        let before = self.energy;
         let (covered, visible) = self.seen;
         let shading = Shading::new(&self.scene);
-        let before = self.evaluate(&self.scene, visible);
         self.gradient.fill(0.0);
         self.add_gradient(&shading);
-        let mut after = before;
-        if let Some((scene, energy)) = self.descend(&shading, covered, before, visible) {
-            self.scene = scene;
-            after = energy;
+        self.lowest = self.lowest.min(before.total());
+        self.promised = 0.0;
+        let found = self.descend(&shading, covered);
+        self.fresh = found.is_some();
+        if let Some((scene, energy)) = found {
+            (self.scene, self.energy) = (scene, energy);
         }
-        self.energy = after;
+        let after = self.energy;
         for &parameter in self.scene.parameters() {
             self.fingerprint.write_f32(&[parameter]);
         }
         let level = self.level;
-        let calm = before.total() - after.total() < STILL;
-        self.still = if calm { self.still + 1 } else { 0 };
-        if !held && self.finest() {
-            // The next mask may yet change it.
-            self.still = 0;
-        }
+        self.still = if self.promised < STILL { self.still + 1 } else { 0 };
         self.iteration += 1;
         self.iterations += 1;
         if !self.finest() && (self.iteration >= self.level().iterations || self.still > 0) {
@@ -200,11 +195,10 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         Some(Iteration { level, before, after, damping: self.damping, covered, visible })
     }
 
-    /// Energy of what has been rendered of a scene. `visible` is the sum the mask had when it was
-    /// estimated.
-    fn evaluate(&self, scene: &Scene, visible: f32) -> Energy {
+    /// Energy of a scene that has been rendered.
+    fn evaluate(&mut self, scene: &Scene) -> Energy {
         Energy {
-            image: self.image_energy(scene, visible),
+            image: self.compare(scene),
             landmarks: self.landmark_energy(scene),
             prior: self.priors().energy(scene),
         }
@@ -222,11 +216,9 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         &mut self,
         shading: &Shading,
         covered: usize,
-        before: Energy,
-        visible: f32,
     ) -> Option<(Scene, Energy)> {
         let words = core::mem::take(&mut self.system);
-        let found = self.descend_in(words, shading, covered, before, visible);
+        let found = self.descend_in(words, shading, covered);
         self.system = words;
         found
     }
@@ -236,8 +228,6 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         words: &mut [f32],
         shading: &Shading,
         covered: usize,
-        before: Energy,
-        visible: f32,
     ) -> Option<(Scene, Energy)> {
         let n = self.layout.len();
         let mut system = System::new(n, self.problem.engine.normal_equations, words)?;
@@ -256,15 +246,19 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let damping = |i: usize| {
             if light.contains(&i) { 1.0 } else { pose_damping(i) }
         };
+        let pixel = if self.finest() { NOISE } else { 0.0 };
+        let bound = self.lowest + pixel / f64::from(self.problem.config.pixel_patch);
         for _ in 0..TRIES {
             if system.solve_damped(self.damping, damping, self.matrix, self.step).is_some() {
+                let promised = system.promise(self.step);
                 let mut scene = self.scene.clone();
                 advance(&mut scene, &self.layout.split(self.step)?);
                 let Problem { model, engine, .. } = self.problem;
                 self.surface.update(model, engine, &scene);
                 (engine.rasterize)(model.triangles, self.surface.window, &mut self.frame);
-                let after = self.evaluate(&scene, visible);
-                if after.total() < before.total() {
+                let after = self.evaluate(&scene);
+                if after.total() < bound {
+                    self.promised = promised;
                     self.damping = (0.25 * self.damping).max(1e-5);
                     return Some((scene, after));
                 }

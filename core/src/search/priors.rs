@@ -13,10 +13,14 @@ const BAND: [usize; 9] = [0, 1, 1, 1, 2, 2, 2, 2, 2];
 /// Widths of the priors that only the search uses. Radiances are of a white surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Widths {
+    /// Of the radiance of surfaces that face the camera, on average over a cap of 60°.
+    pub level: f32,
     /// Of the mean of the channels' light, by band: radiance at the band's brightest normal.
     pub intensity: [f32; 3],
     /// Of a channel's light about that mean, by band.
     pub chroma: [f32; 3],
+    /// Standard deviation of an albedo coefficient; the model's is 1.
+    pub albedo: f32,
     /// Of the logarithm of the focal length about the default camera's.
     pub focal: f32,
     /// Of the object's place, mm across.
@@ -27,8 +31,10 @@ impl Default for Widths {
     /// A face lit by about white light, more or less from the front.
     fn default() -> Self {
         Self {
-            intensity: [0.12, 0.25, 0.15],
+            level: 0.1,
+            intensity: [0.3, 0.25, 0.15],
             chroma: [0.04, 0.03, 0.02],
+            albedo: 0.577,
             focal: 0.5,
             translation: 200.0,
         }
@@ -82,7 +88,7 @@ impl Priors<'_> {
             return f64::INFINITY;
         }
         let mut sum = 0.5 * sum_of_squares(&scene.shape)
-            + 0.5 * sum_of_squares(&scene.albedo)
+            + 0.5 * f64::from(precision(widths.albedo)) * sum_of_squares(&scene.albedo)
             + energy(self.ln_distance(scene), prior.distance_sd)
             + energy(self.ln_focal(scene), widths.focal);
         for axis in 0..2 {
@@ -94,6 +100,7 @@ impl Priors<'_> {
         }
         sum += energy(scene.color.contrast - 1.0, prior.contrast_sd);
         let expected = light::frontal();
+        sum += energy(level(&scene.light) - level(&expected), widths.level);
         for (i, (channels, expected)) in scene.light.iter().zip(expected).enumerate() {
             let (intensity, chroma) = self.light(i);
             let mean = mean(*channels);
@@ -123,8 +130,11 @@ impl Priors<'_> {
         }
         pull(system, 0.0, 0.0);
         pull(system, precision(prior.distance_sd), self.ln_distance(scene));
-        for &c in scene.shape.iter().chain(&scene.albedo) {
+        for &c in scene.shape.iter() {
             pull(system, 1.0, c);
+        }
+        for &c in scene.albedo.iter() {
+            pull(system, precision(widths.albedo), c);
         }
         for _ in 0..LIGHT {
             pull(system, 0.0, 0.0);
@@ -138,7 +148,13 @@ impl Priors<'_> {
         }
         // The logarithm of the focal length is the sum of two unknowns.
         couple(system, &[(5, 1.0), (6, 1.0)], precision(widths.focal), self.ln_focal(scene));
-        let expected: Light = light::frontal();
+        let expected = light::frontal();
+        let terms: [_; 9] = core::array::from_fn(|j| {
+            let (i, weight) = LEVEL[j / 3];
+            (layout.light() + 3 * i + j % 3, weight * SCALE[i] * (1.0 / 3.0))
+        });
+        let above = level(&scene.light) - level(&expected);
+        couple(system, &terms, precision(widths.level), above);
         for (i, (channels, expected)) in scene.light.iter().zip(expected).enumerate() {
             let (intensity, chroma) = self.light(i);
             let first = layout.light() + 3 * i;
@@ -155,6 +171,15 @@ impl Priors<'_> {
             }
         }
     }
+}
+
+/// Coefficients of the light that surfaces get which face the camera, and their basis functions
+/// (without [`SCALE`]), on average over normals of at most 60° from the axis: `1`, `z`, `3z² − 1`.
+const LEVEL: [(usize, f32); 3] = [(0, 1.0), (2, 0.75), (6, 0.75)];
+
+/// Mean radiance of white surfaces that face the camera.
+fn level(light: &Light) -> f32 {
+    LEVEL.iter().map(|&(i, weight)| weight * SCALE[i] * mean(light[i])).sum()
 }
 
 fn mean([r, g, b]: [f32; 3]) -> f32 {

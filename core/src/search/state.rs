@@ -62,7 +62,7 @@ pub fn words(problem: &Problem<'_>) -> usize {
         + equations_words(n)
         + matrix_words(n)
         + 5 * n;
-    7 * pixels + rest
+    8 * pixels + rest
 }
 
 /// Words of the normal equations, or of the histogram that is made there before.
@@ -96,6 +96,8 @@ pub(super) struct Planes<'w> {
     pub(super) ln_background: &'w mut [f32],
     /// Probability that a covered pixel shows the face; 0 where nothing is covered.
     pub(super) mask: &'w mut [f32],
+    /// What a pixel's squared difference counts, in units of [`ModeSearch::pixel_weight`].
+    pub(super) weights: &'w mut [f32],
     pub(super) scratch: [&'w mut [f32]; 2],
 }
 
@@ -136,8 +138,16 @@ pub struct ModeSearch<'a, 'w> {
     pub(super) iteration: u32,
     pub(super) iterations: u32,
     pub(super) still: u32,
-    /// Covered pixels, and the sum of the mask, when it was last estimated.
+    /// Lowest energy at this level.
+    pub(super) lowest: f64,
+    /// What the last step was expected to lower the energy by; 0 if none was taken.
+    pub(super) promised: f64,
+    /// Covered pixels, and the sum of the mask.
     pub(super) seen: (usize, f32),
+    /// Pixels that the face covers by the landmarks alone.
+    pub(super) expected: usize,
+    /// Whether surface, frame, mask and weights are those of the scene.
+    pub(super) fresh: bool,
     pub(super) energy: Energy,
 }
 
@@ -162,6 +172,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             photo: [plane()?, plane()?, plane()?],
             ln_background: plane()?,
             mask: plane()?,
+            weights: plane()?,
             scratch: [plane()?, plane()?],
         };
         let frame = Frame::carve(&mut carver, d.width, d.height)?;
@@ -198,7 +209,11 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             iteration: 0,
             iterations: 0,
             still: 0,
+            lowest: f64::INFINITY,
+            promised: 0.0,
             seen: (0, 0.0),
+            expected: 0,
+            fresh: false,
             energy: Energy::default(),
         })
     }

@@ -116,7 +116,7 @@ fn follow(search: &ModeSearch<'_, '_>) -> Vec<Followed> {
     for y in search.frame.rows() {
         for x in search.frame.columns() {
             let index = y * SIDE as usize + x;
-            let mask = at(search.planes.mask, index);
+            let mask = at(search.planes.weights, index);
             let Some(hit) = search.frame.hit(x, y).filter(|_| mask >= 1e-3) else { continue };
             let (corners, point) = search.point(&shading, &hit).unwrap();
             let difference = sub(search.photo(index), point.color);
@@ -167,7 +167,7 @@ fn the_gradient_is_that_of_differences_in_every_block() {
             *c = rng.normal_sd(0.5);
         }
         search.render();
-        search.estimate_mask();
+        search.compare(&search.scene.clone());
         let start = search.scene.clone();
         let shading = Shading::new(&start);
         search.gradient.fill(0.0);
@@ -233,7 +233,7 @@ fn the_rows_of_the_matrix_are_the_gradients() {
     let case = Case::new(4);
     case.run(Options::default(), 1, |search| {
         search.render();
-        search.estimate_mask();
+        search.compare(&search.scene.clone());
         let shading = Shading::new(&search.scene);
         search.gradient.fill(0.0);
         search.add_gradient(&shading);
@@ -246,7 +246,7 @@ fn the_rows_of_the_matrix_are_the_gradients() {
         for y in search.frame.rows() {
             for x in search.frame.columns() {
                 let index = y * SIDE as usize + x;
-                let mask = at(search.planes.mask, index);
+                let mask = at(search.planes.weights, index);
                 if mask < 1e-3 {
                     continue;
                 }
