@@ -34,7 +34,7 @@ impl Default for Widths {
             level: 0.1,
             intensity: [0.3, 0.25, 0.15],
             chroma: [0.04, 0.03, 0.02],
-            albedo: 0.577,
+            albedo: 0.7,
             focal: 0.5,
             translation: 200.0,
         }
