@@ -8,9 +8,9 @@ use onescan_core::engine::Engine;
 macro_rules! engine {
     ($module:ident, $features:literal) => {
         mod $module {
-            use onescan_core::basis::Basis;
+            use onescan_core::basis::{Basis, ByVertex, Costs};
             use onescan_core::engine::Engine;
-            use onescan_core::least_squares::add_normal_equations;
+            use onescan_core::least_squares::{self, NormalEquations, add_normal_equations};
             use onescan_core::likelihood::pixels::{self, Coverage, Known, Surface, Target};
             use onescan_core::mesh;
             use onescan_core::model::Triangles;
@@ -28,6 +28,10 @@ macro_rules! engine {
                 instance: |basis, coefficients, vertices| unsafe {
                     instance(basis, coefficients, vertices);
                 },
+                transposed: |basis, cost, coefficients| unsafe {
+                    transposed(basis, cost, coefficients);
+                },
+                rows: |basis, entries, costs, out| unsafe { rows(basis, entries, costs, out) },
                 normals: |triangles, positions, normals| unsafe {
                     vertex_normals(triangles, positions, normals);
                 },
@@ -42,14 +46,32 @@ macro_rules! engine {
                 residual: |surface, known, shader, target, limit| unsafe {
                     residual(surface, known, shader, target, limit)
                 },
-                normal_equations: |batch, equations, matrix, vector| unsafe {
-                    normal_equations(batch, equations, matrix, vector);
+                normal_equations: NormalEquations {
+                    add: |batch, equations, matrix, vector| unsafe {
+                        normal_equations(batch, equations, matrix, vector);
+                    },
+                    solve: |matrix, vector, scratch| unsafe { cholesky(matrix, vector, scratch) },
                 },
             };
 
             #[target_feature(enable = $features)]
             fn instance(basis: &Basis<'_>, coefficients: &[f32], vertices: &mut [[f32; 4]]) {
                 basis.instance(coefficients, vertices);
+            }
+
+            #[target_feature(enable = $features)]
+            fn transposed(basis: &Basis<'_>, cost: &[[f32; 4]], coefficients: &mut [f32]) {
+                basis.transposed(cost, coefficients);
+            }
+
+            #[target_feature(enable = $features)]
+            fn rows(
+                basis: &Basis<'_>,
+                entries: Option<&ByVertex<'_>>,
+                costs: &[Costs],
+                rows: [&mut [f32]; 3],
+            ) {
+                basis.rows(entries, costs, rows);
             }
 
             #[target_feature(enable = $features)]
@@ -103,7 +125,16 @@ macro_rules! engine {
                 matrix: &mut [[f32; LANES]],
                 vector: &mut [f32],
             ) {
-                add_normal_equations(batch, equations, matrix, vector);
+                add_normal_equations::<4>(batch, equations, matrix, vector);
+            }
+
+            #[target_feature(enable = $features)]
+            fn cholesky(
+                matrix: &mut [[f32; LANES]],
+                vector: &mut [f32],
+                scratch: &mut [[f32; LANES]],
+            ) -> Option<()> {
+                least_squares::cholesky::<4>(matrix, vector, scratch)
             }
         }
     };

@@ -36,6 +36,7 @@ mod window;
 use crate::chain::{ChainError, Problem};
 use crate::least_squares::System;
 use crate::scene::Scene;
+pub use curvature::SAMPLES;
 use shading::Shading;
 pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words};
 use surface::at;
@@ -125,6 +126,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             }
         }
         (self.scene.pose, self.scene.camera) = (scene.pose, scene.camera);
+        self.rendered = false;
         self.initial.clone_from(&self.scene);
         self.energy.landmarks = self.landmark_energy(&self.scene);
         self.energy.prior = self.priors().energy(&self.scene);
@@ -179,6 +181,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let mut after = before;
         if let Some((scene, energy)) = self.descend(&shading, covered, before, visible) {
             self.scene = scene;
+            self.rendered = true;
             after = energy;
         }
         self.energy = after;
@@ -247,7 +250,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             &self.landmarks,
             &self.scene,
             self.problem.config.landmark_sd,
-            self.components[0],
+            self.components,
             &mut system,
         );
         self.priors().add(&self.scene, self.layout, &mut system);
@@ -260,9 +263,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             if system.solve_damped(self.damping, damping, self.matrix, self.step).is_some() {
                 let mut scene = self.scene.clone();
                 advance(&mut scene, &self.layout.split(self.step)?);
-                let Problem { model, engine, .. } = self.problem;
-                self.surface.update(model, engine, &scene);
-                (engine.rasterize)(model.triangles, self.surface.window, &mut self.frame);
+                self.render_other(&scene);
                 let after = self.evaluate(&scene, visible);
                 if after.total() < before.total() {
                     self.damping = (0.25 * self.damping).max(1e-5);

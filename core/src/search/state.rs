@@ -4,7 +4,7 @@ use super::occlusion::Hiding;
 use super::priors::{Priors, Widths};
 use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
-use crate::basis::padded;
+use crate::basis::{ByVertex, by_vertex_words, padded};
 use crate::chain::Problem;
 use crate::hash::Fnv64;
 use crate::least_squares::{matrix_words, system_words};
@@ -48,7 +48,8 @@ impl Default for Options {
     }
 }
 
-/// Words of memory a [`ModeSearch`] of a problem needs.
+/// Words of memory a [`ModeSearch`] of a problem needs. Without copies of the bases if it is to be
+/// [lean](Problem::lean): then it is slower, with the same bits.
 pub fn words(problem: &Problem<'_>) -> usize {
     let d = problem.dimensions();
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
@@ -57,12 +58,20 @@ pub fn words(problem: &Problem<'_>) -> usize {
     let rest = frame_words(d.width, d.height)
         + surface_words(d.vertices, problem.model.triangles.len())
         + 3 * 4 * padded(d.vertices)
-        + 3 * (d.shape_rank + d.albedo_rank)
+        + 3 * d.shape_rank
+        + copies_words(problem)
         + rows_words(d.landmarks, d.shape_rank)
         + equations_words(n)
         + matrix_words(n)
         + 5 * n;
     7 * pixels + rest
+}
+
+/// Words of copies of both bases, which cost memory and save time.
+fn copies_words(problem: &Problem<'_>) -> usize {
+    let d = problem.dimensions();
+    let words = |rank| if d.lean { 0 } else { by_vertex_words(d.vertices, rank) };
+    words(d.shape_rank) + words(d.albedo_rank)
 }
 
 /// Words of the normal equations, or of the histogram that is made there before.
@@ -120,9 +129,13 @@ pub struct ModeSearch<'a, 'w> {
     pub(super) planes: Planes<'w>,
     pub(super) frame: Frame<'w>,
     pub(super) surface: Surface<'w>,
+    /// Whether frame and surface are the scene's.
+    pub(super) rendered: bool,
     pub(super) costs: Costs<'w>,
-    /// A vertex's components.
-    pub(super) components: [&'w mut [[f32; 3]]; 2],
+    /// A vertex's components of the shape.
+    pub(super) components: &'w mut [[f32; 3]],
+    /// Shape and albedo by vertex, unless memory is scarce.
+    pub(super) by_vertex: [Option<ByVertex<'w>>; 2],
     /// Of a pixel's three channels.
     pub(super) rows: [&'w mut [f32]; 3],
     pub(super) system: &'w mut [f32],
@@ -168,8 +181,14 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let surface = Surface::carve(&mut carver, model)?;
         let mut quads = || carver.quads(padded(d.vertices));
         let costs = Costs { normals: quads()?, albedo: quads()?, positions: quads()? };
-        let mut components = |rank: usize| Some(carver.floats(3 * rank)?.as_chunks_mut().0);
-        let components = [components(d.shape_rank)?, components(d.albedo_rank)?];
+        let components = carver.groups(d.shape_rank)?;
+        let mut by_vertex = [None, None];
+        if !d.lean {
+            let halves = [(&model.shape, d.shape_rank), (&model.albedo, d.albedo_rank)];
+            for (copy, (basis, rank)) in by_vertex.iter_mut().zip(halves) {
+                *copy = Some(ByVertex::carve(&mut carver, basis, d.vertices, rank)?);
+            }
+        }
         let sd = config.landmark_sd;
         let landmarks = Landmarks::gather(&mut carver, model, observed, d.shape_rank, sd)?;
         let scene = Scene::initial(image.width, image.height, d.shape_rank, d.albedo_rank);
@@ -184,8 +203,10 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             planes,
             frame,
             surface,
+            rendered: false,
             costs,
             components,
+            by_vertex,
             rows: [carver.floats(n)?, carver.floats(n)?, carver.floats(n)?],
             system: carver.floats(equations_words(n))?,
             matrix: carver.floats(matrix_words(n))?,
@@ -255,10 +276,20 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.level().error * self.problem.config.pixel_sd
     }
 
-    /// Computes and rasterizes the surface of the scene.
+    /// Computes and rasterizes the surface of the scene, unless that has been done.
     pub(super) fn render(&mut self) {
+        if !self.rendered {
+            let scene = self.scene.clone();
+            self.render_other(&scene);
+            self.rendered = true;
+        }
+    }
+
+    /// Computes and rasterizes the surface of a scene that may become the search's.
+    pub(super) fn render_other(&mut self, scene: &Scene) {
+        self.rendered = false;
         let Problem { model, engine, .. } = self.problem;
-        self.surface.update(model, engine, &self.scene);
+        self.surface.update(model, engine, scene);
         (engine.rasterize)(model.triangles, self.surface.window, &mut self.frame);
     }
 }
