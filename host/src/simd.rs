@@ -2,6 +2,8 @@
 //! them at run time. The bits are the same whatever is chosen.
 
 use onescan_core::engine::Engine;
+use onescan_core::render::LANES;
+use std::hint::black_box;
 
 /// Compiles every stage for the given target features.
 #[cfg(target_arch = "x86_64")]
@@ -53,6 +55,12 @@ macro_rules! engine {
                     solve: |matrix, vector, scratch| unsafe { cholesky(matrix, vector, scratch) },
                 },
             };
+
+            /// [`super::arithmetic`].
+            #[target_feature(enable = $features)]
+            pub(super) fn arithmetic(passes: u32) -> f32 {
+                super::multiply_and_add(passes)
+            }
 
             #[target_feature(enable = $features)]
             fn instance(basis: &Basis<'_>, coefficients: &[f32], vertices: &mut [[f32; 4]]) {
@@ -160,4 +168,33 @@ pub fn all() -> Vec<&'static Engine> {
         }
     }
     engines
+}
+
+/// Operations in a pass of [`arithmetic`].
+pub const OPERATIONS: usize = 2 * 6 * LANES;
+
+/// Multiplies and adds in registers, as often the one as the other, [`OPERATIONS`] times a pass: the
+/// most that this processor's vectors can do without fused operations, which have other bits.
+/// What comes of it means nothing.
+pub fn arithmetic(passes: u32) -> f32 {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the feature has just been detected.
+        return unsafe { avx2::arithmetic(passes) };
+    }
+    multiply_and_add(passes)
+}
+
+#[inline(always)]
+fn multiply_and_add(passes: u32) -> f32 {
+    let [factor, term] = black_box([0.5_f32; 2]);
+    let mut numbers = [[1.0_f32; LANES]; 6];
+    for _ in 0..passes {
+        for i in 0..6 {
+            for l in 0..LANES {
+                numbers[i][l] = numbers[i][l] * factor + term;
+            }
+        }
+    }
+    numbers.as_flattened().iter().sum()
 }
