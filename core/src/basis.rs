@@ -10,6 +10,10 @@
 //! *quantum*: 1/32767 of its largest entry, which is far below what its samples differ by (or a
 //! coarser one, for files that compress better).
 
+use crate::lanes;
+use crate::memory::Carver;
+use crate::scene::MAX_RANK;
+
 /// Field entries per block of the basis.
 pub const LANES: usize = 32;
 
@@ -150,6 +154,46 @@ impl<'a> Basis<'a> {
         }
     }
 
+    /// Fills `rows[f][k]` with `Σ √λ_k u_k[v, axis]·cost[f][axis]` over axes and `(v, cost)`: how three
+    /// functions change with coefficients if that is how they change with a few vertices. `entries`
+    /// are this basis's by vertex, if there is memory for them; the sums are the same without, but
+    /// every one of their entries is somewhere else.
+    #[inline(always)]
+    pub fn rows(&self, entries: Option<&ByVertex<'_>>, costs: &[Costs], rows: [&mut [f32]; 3]) {
+        let mut sums = [[[0.0; lanes::LANES]; GROUPS]; 3];
+        for (vertex, costs) in costs {
+            match entries {
+                Some(entries) => add_rows(entries.at(*vertex).iter().copied(), costs, &mut sums),
+                None => {
+                    let groups = self.rank().div_ceil(lanes::LANES);
+                    let entries = (0..groups).map(|group| self.group(*vertex, group));
+                    add_rows(entries, costs, &mut sums);
+                }
+            }
+        }
+        for (row, sums) in rows.into_iter().zip(&sums) {
+            for ((out, sum), quantum) in row.iter_mut().zip(sums.as_flattened()).zip(self.quantum) {
+                *out = quantum * sum;
+            }
+        }
+    }
+
+    /// A group of components at a vertex.
+    fn group(&self, vertex: usize, group: usize) -> Entries {
+        let rank = self.rank();
+        let blocks = self.mean.len() / 3;
+        let (block, lane) = (vertex / LANES, vertex % LANES);
+        let first = group * lanes::LANES;
+        let mut entries = [[0; lanes::LANES]; 3];
+        for (axis, entries) in entries.iter_mut().enumerate() {
+            let columns = self.columns.get((axis * blocks + block) * rank + first..);
+            for (entry, column) in entries.iter_mut().zip(columns.unwrap_or_default()) {
+                *entry = column[lane];
+            }
+        }
+        entries
+    }
+
     /// What coefficient `c` of component `k` adds to one field entry; nothing if there is none.
     pub fn term(&self, entry: usize, k: usize, c: f32) -> f32 {
         let column = self.columns.get(entry / LANES * self.rank() + k);
@@ -157,5 +201,70 @@ impl<'a> Basis<'a> {
             (Some(column), Some(quantum)) => c * quantum * f32::from(column[entry % LANES]),
             _ => 0.0,
         }
+    }
+}
+
+/// Adds to three functions what a vertex's axes cost them.
+#[inline(always)]
+fn add_rows(
+    entries: impl Iterator<Item = Entries>,
+    costs: &[[f32; 3]; 3],
+    [r, g, b]: &mut [[[f32; lanes::LANES]; GROUPS]; 3],
+) {
+    for (entries, ((r, g), b)) in entries.zip(r.iter_mut().zip(g).zip(b)) {
+        for l in 0..lanes::LANES {
+            let [x, y, z] = [entries[0][l], entries[1][l], entries[2][l]].map(f32::from);
+            r[l] += costs[0][0] * x + costs[0][1] * y + costs[0][2] * z;
+            g[l] += costs[1][0] * x + costs[1][1] * y + costs[1][2] * z;
+            b[l] += costs[2][0] * x + costs[2][1] * y + costs[2][2] * z;
+        }
+    }
+}
+
+/// A vertex, and what three functions change by per axis of it, `[function][axis]`.
+pub type Costs = (usize, [[f32; 3]; 3]);
+
+/// The most groups of components.
+const GROUPS: usize = MAX_RANK.div_ceil(lanes::LANES);
+
+/// Some components of a vertex's entries, per axis, in quanta.
+type Entries = [[i16; lanes::LANES]; 3];
+
+/// Words of memory [`ByVertex`] needs for so many components.
+pub const fn by_vertex_words(vertices: usize, rank: usize) -> usize {
+    vertices * rank.div_ceil(lanes::LANES) * size_of::<Entries>() / size_of::<u32>()
+}
+
+/// A copy of a basis's leading components in another order: what belongs to a vertex lies together.
+pub struct ByVertex<'w> {
+    /// `[vertex][group of components]`.
+    entries: &'w [Entries],
+    groups: usize,
+}
+
+impl<'w> ByVertex<'w> {
+    /// Copies the first `rank` components; `None` if there is too little memory.
+    pub fn carve(
+        carver: &mut Carver<'w>,
+        basis: &Basis<'_>,
+        vertices: usize,
+        rank: usize,
+    ) -> Option<Self> {
+        let words = carver.words(by_vertex_words(vertices, rank))?;
+        let entries: &mut [Entries] = bytemuck::try_cast_slice_mut(words).ok()?;
+        let groups = rank.div_ceil(lanes::LANES);
+        for (v, entries) in entries.chunks_exact_mut(groups.max(1)).enumerate() {
+            for (group, entries) in entries.iter_mut().enumerate() {
+                *entries = basis.group(v, group);
+            }
+        }
+        Some(Self { entries, groups })
+    }
+
+    /// All groups of a vertex.
+    #[inline(always)]
+    fn at(&self, vertex: usize) -> &[Entries] {
+        let first = vertex * self.groups;
+        self.entries.get(first..first + self.groups).unwrap_or_default()
     }
 }

@@ -5,9 +5,9 @@
 //! purpose, and their bits do not depend on the vector's width: every sum has the shape written in
 //! the source.
 
-use crate::basis::Basis;
+use crate::basis::{Basis, ByVertex, Costs};
 use crate::lanes::Planes;
-use crate::least_squares::{NormalEquations, add_normal_equations};
+use crate::least_squares::{NormalEquations, add_normal_equations, cholesky};
 use crate::likelihood::pixels::{self, Coverage, Known, Surface, Target};
 use crate::mesh;
 use crate::model::Triangles;
@@ -26,6 +26,10 @@ pub struct Engine {
     pub name: &'static str,
     /// [`Basis::instance`].
     pub instance: fn(&Basis<'_>, &[f32], &mut [Quad]),
+    /// [`Basis::transposed`].
+    pub transposed: fn(&Basis<'_>, &[Quad], &mut [f32]),
+    /// [`Basis::rows`].
+    pub rows: fn(&Basis<'_>, Option<&ByVertex<'_>>, &[Costs], [&mut [f32]; 3]),
     /// [`mesh::vertex_normals`].
     pub normals: fn(Triangles<'_>, &[Quad], &mut [Quad]),
     /// [`project::project`].
@@ -38,7 +42,7 @@ pub struct Engine {
     pub interpolate: fn(&Surface<'_, '_>, Option<&mut [Planes]>, &mut [Planes]),
     /// [`pixels::residual`].
     pub residual: Residual,
-    /// [`add_normal_equations`].
+    /// [`add_normal_equations`] and [`cholesky`].
     pub normal_equations: NormalEquations,
 }
 
@@ -50,13 +54,15 @@ impl Engine {
     pub const PORTABLE: Self = Self {
         name: "portable",
         instance: |basis, coefficients, vertices| basis.instance(coefficients, vertices),
+        transposed: |basis, cost, coefficients| basis.transposed(cost, coefficients),
+        rows: |basis, entries, costs, rows| basis.rows(entries, costs, rows),
         normals: mesh::vertex_normals,
         project: project::project,
         rasterize: rasterize::rasterize,
         coverage: Coverage::of,
         interpolate: pixels::interpolate,
         residual: pixels::residual,
-        normal_equations: add_normal_equations,
+        normal_equations: NormalEquations { add: add_normal_equations::<2>, solve: cholesky::<2> },
     };
 }
 

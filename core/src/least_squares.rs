@@ -3,12 +3,24 @@
 use crate::lanes::LANES;
 use crate::math;
 
-/// Equations that are added together, so that the matrix is read and written once for all of them.
-const BATCH: usize = 8;
+/// Equations come in batches, and rows of `U` in panels, of multiples of these.
+const PANEL: usize = 8;
+/// The most equations that are added together.
+const MAX_BATCH: usize = 64;
+
+/// Equations that are added together, so that the matrix is read and written once for all of them:
+/// an eighth of the unknowns, that the batch is small beside the matrix, in eights.
+const fn batch(n: usize) -> usize {
+    match n / 8 / PANEL * PANEL {
+        0 => PANEL,
+        rows @ 1..MAX_BATCH => rows,
+        _ => MAX_BATCH,
+    }
+}
 
 /// Words of memory [`System`] needs for `n` unknowns.
 pub(crate) const fn system_words(n: usize) -> usize {
-    matrix_words(n) + BATCH * LANES * stride(n) + 3 * n
+    matrix_words(n) + batch(n) * LANES * stride(n) + 3 * n
 }
 
 /// Groups of lanes of a row of `n` numbers, at least one.
@@ -18,7 +30,7 @@ const fn stride(n: usize) -> usize {
 }
 
 /// A row's weight and what is on its right side.
-type Equation = (f32, f32);
+pub type Equation = (f32, f32);
 
 /// Normal equations `A δ = b`.
 pub(crate) struct System<'s> {
@@ -26,48 +38,111 @@ pub(crate) struct System<'s> {
     /// Row-major, rows padded; only the upper triangle (`j ≥ i`) is kept up.
     a: &'s mut [[f32; LANES]],
     b: &'s mut [f32],
-    /// Rows of a Jacobian waiting to be added, padded with zeros.
+    /// Rows of a Jacobian waiting to be added, `[group of lanes][row]`, padded with zeros.
     batch: &'s mut [[f32; LANES]],
-    waiting: heapless::Vec<Equation, BATCH>,
+    waiting: heapless::Vec<Equation, MAX_BATCH>,
     /// Two rows in the making.
     pub(crate) rows: [&'s mut [f32]; 2],
     normal_equations: NormalEquations,
 }
 
-/// Type of [`add_normal_equations`].
-pub type NormalEquations = fn(&[[f32; LANES]], &[Equation], &mut [[f32; LANES]], &mut [f32]);
+/// How normal equations are made and solved. Matrices are row-major, a row per entry of the vector
+/// and in whole groups of lanes; only the upper triangle is of consequence.
+#[derive(Clone, Copy)]
+pub struct NormalEquations {
+    /// [`add_normal_equations`].
+    pub add: fn(&[[f32; LANES]], &[Equation], &mut [[f32; LANES]], &mut [f32]),
+    /// [`cholesky`].
+    pub solve: fn(&mut [[f32; LANES]], &mut [f32], &mut [[f32; LANES]]) -> Option<()>,
+}
 
-/// Adds `Σ w·rᵀr` to a matrix and `Σ w·r·y` to a vector for rows `r` with `(w, y)`. The matrix is
-/// row-major, a row per entry of the vector, and only its upper triangle is of consequence; rows
-/// of `batch` and matrix are equally long, in whole groups of lanes.
+/// `[row][group of lanes]` of a matrix, some rows of it: adds `Σ_k factors[k][i]·lanes_k` to a group
+/// of lanes of row `i`, in the order of `k`. The sums stay in registers.
 #[inline(always)]
-pub fn add_normal_equations(
+fn add_tile<const ROWS: usize>(
+    rows: &mut [[f32; LANES]],
+    stride: usize,
+    group: usize,
+    factors: &[[f32; ROWS]],
+    lanes: &[[f32; LANES]],
+) {
+    let mut sums = [[0.0; LANES]; ROWS];
+    for (i, sum) in sums.iter_mut().enumerate() {
+        if let Some(row) = rows.get(i * stride + group) {
+            *sum = *row;
+        }
+    }
+    for (factor, lanes) in factors.iter().zip(lanes) {
+        for r in 0..ROWS {
+            for l in 0..LANES {
+                sums[r][l] += factor[r] * lanes[l];
+            }
+        }
+    }
+    for (i, sum) in sums.iter().enumerate() {
+        if let Some(row) = rows.get_mut(i * stride + group) {
+            *row = *sum;
+        }
+    }
+}
+
+/// Adds `Σ w·rᵀr` of a batch to rows of a matrix, the first of which is row `first` (a multiple of
+/// `ROWS`).
+#[inline(always)]
+fn add_products<const ROWS: usize>(
+    batch: &[[f32; LANES]],
+    equations: &[Equation],
+    first: usize,
+    matrix: &mut [[f32; LANES]],
+    stride: usize,
+) {
+    let room = (batch.len() / stride).max(1);
+    let mut factors = [[0.0; ROWS]; MAX_BATCH];
+    let factors = factors.get_mut(..equations.len()).unwrap_or_default();
+    for (tile, rows) in matrix.chunks_mut(ROWS * stride).enumerate() {
+        let i = first + tile * ROWS;
+        let panels = batch.get(i / LANES * room..).unwrap_or_default();
+        for ((factors, lanes), (weight, _)) in factors.iter_mut().zip(panels).zip(equations) {
+            for (r, factor) in factors.iter_mut().enumerate() {
+                *factor = weight * lanes[(i + r) % LANES];
+            }
+        }
+        for (group, panel) in panels.chunks_exact(room).enumerate() {
+            add_tile(rows, stride, i / LANES + group, factors, panel);
+        }
+    }
+}
+
+/// Adds `Σ w·rᵀr` to a matrix and `Σ w·r·y` to a vector for rows `r` with `(w, y)`, at most 64. Rows
+/// are in groups of lanes, `batch[group][row]`, with room for as many rows in every group; there is
+/// nothing but zeros beyond a row's end.
+///
+/// `ROWS` rows of the matrix are kept in registers, a divisor of 8; every entry is one sum in the
+/// order of the equations, whatever there are registers for.
+#[inline(always)]
+pub fn add_normal_equations<const ROWS: usize>(
     batch: &[[f32; LANES]],
     equations: &[Equation],
     matrix: &mut [[f32; LANES]],
     vector: &mut [f32],
 ) {
     let stride = stride(vector.len());
-    for (i, (row, b)) in matrix.chunks_exact_mut(stride).zip(vector).enumerate() {
-        let mut factors = [0.0; BATCH];
-        for ((factor, r), (weight, y)) in
-            factors.iter_mut().zip(batch.chunks_exact(stride)).zip(equations)
-        {
-            let Some(lanes) = r.get(i / LANES) else { continue };
-            *factor = weight * lanes[i % LANES];
-            *b += *factor * y;
+    let room = (batch.len() / stride).max(1);
+    for (b, panel) in vector.chunks_mut(LANES).zip(batch.chunks_exact(room)) {
+        let mut sums = [0.0; LANES];
+        for (sum, b) in sums.iter_mut().zip(&*b) {
+            *sum = *b;
         }
-        for (j, a) in row.iter_mut().enumerate().skip(i / LANES) {
-            let mut sum = *a;
-            for (factor, r) in factors.iter().zip(batch.chunks_exact(stride)) {
-                let Some(lanes) = r.get(j) else { continue };
-                for l in 0..LANES {
-                    sum[l] += factor * lanes[l];
-                }
+        for (lanes, (weight, y)) in panel.iter().zip(equations) {
+            for l in 0..LANES {
+                sums[l] += weight * lanes[l] * y;
             }
-            *a = sum;
+        }
+        for (b, sum) in b.iter_mut().zip(sums) {
+            *b = sum;
         }
     }
+    add_products::<ROWS>(batch, equations, 0, matrix, stride);
 }
 
 impl<'s> System<'s> {
@@ -81,7 +156,7 @@ impl<'s> System<'s> {
         memory.fill(0.0);
         let row = LANES * stride(n);
         let (a, rest) = memory.split_at_mut_checked(n * row)?;
-        let (batch, rest) = rest.split_at_mut_checked(BATCH * row)?;
+        let (batch, rest) = rest.split_at_mut_checked(batch(n) * row)?;
         let (b, rest) = rest.split_at_mut_checked(n)?;
         let (first, second) = rest.split_at_mut_checked(n)?;
         Some(Self {
@@ -108,40 +183,35 @@ impl<'s> System<'s> {
     /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
     pub(crate) fn add(&mut self, which: usize, weight: f32, residual: f32) {
         if let Some(row) = self.rows.get(which) {
-            let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
-            put(place, row);
+            put(self.batch, batch(self.n), self.waiting.len(), row);
             self.weigh(weight, residual);
         }
     }
 
     /// Adds a weighted equation whose row is the caller's.
     pub(crate) fn add_row(&mut self, row: &[f32], weight: f32, residual: f32) {
-        let place = self.batch.chunks_exact_mut(stride(self.n)).nth(self.waiting.len());
-        put(place, row);
+        put(self.batch, batch(self.n), self.waiting.len(), row);
         self.weigh(weight, residual);
     }
 
     fn weigh(&mut self, weight: f32, residual: f32) {
         // There is room: the batch is emptied when full.
         let _ = self.waiting.push((weight, residual));
-        if self.waiting.is_full() {
+        if self.waiting.len() >= batch(self.n) {
             self.flush();
         }
     }
 
     /// Adds the rows that wait.
     fn flush(&mut self) {
-        for unused in self.batch.chunks_exact_mut(stride(self.n)).skip(self.waiting.len()) {
-            unused.fill([0.0; LANES]);
-        }
-        (self.normal_equations)(self.batch, &self.waiting, self.a, self.b);
+        (self.normal_equations.add)(self.batch, &self.waiting, self.a, self.b);
         self.waiting.clear();
     }
 
     /// Solves `A δ = b`, in place; `None` if the matrix is not positive definite.
     pub(crate) fn solve(&mut self) -> Option<&[f32]> {
         self.flush();
-        cholesky(self.a, self.b)?;
+        (self.normal_equations.solve)(self.a, self.b, self.batch)?;
         Some(self.b)
     }
 
@@ -157,13 +227,6 @@ impl<'s> System<'s> {
         for (b, g) in self.b.iter_mut().zip(gradient) {
             *b += g;
         }
-    }
-
-    /// What a step that solves the damped equations is expected to lower the function by, of which
-    /// `b` is the downward slope: `½ bᵀδ`, or somewhat more.
-    pub(crate) fn promise(&self, step: &[f32]) -> f64 {
-        let products = self.b.iter().zip(step).map(|(b, d)| f64::from(*b) * f64::from(*d));
-        0.5 * products.sum::<f64>()
     }
 
     /// Solves `(A + λ diag A + D) δ = b` into `step` and leaves the equations as they are; `matrix`
@@ -185,15 +248,22 @@ impl<'s> System<'s> {
             let Some(x) = row.as_flattened_mut().get_mut(i) else { continue };
             *x += lambda * *x + damping(i);
         }
-        cholesky(matrix, step)
+        (self.normal_equations.solve)(matrix, step, self.batch)
     }
 }
 
-/// Copies a row to its place in the batch.
-fn put(place: Option<&mut [[f32; LANES]]>, row: &[f32]) {
-    let place = place.and_then(|place| place.as_flattened_mut().get_mut(..row.len()));
-    if let Some(place) = place {
-        place.copy_from_slice(row);
+/// Copies a row to its place in a batch with room for so many.
+fn put(batch: &mut [[f32; LANES]], room: usize, place: usize, row: &[f32]) {
+    let (whole, rest) = row.as_chunks();
+    let mut places = batch.chunks_exact_mut(room).filter_map(|panel| panel.get_mut(place));
+    // In this order: a pair that is not made takes no place.
+    for (lanes, to) in whole.iter().zip(&mut places) {
+        *to = *lanes;
+    }
+    if let Some(to) = places.next() {
+        for (to, x) in to.iter_mut().zip(rest) {
+            *to = *x;
+        }
     }
 }
 
@@ -204,20 +274,69 @@ pub(crate) const fn matrix_words(n: usize) -> usize {
 
 /// Solves by Cholesky's method `A = UᵀU`, in place; `None` if the matrix is not positive definite.
 ///
-/// Eliminates a row at a time: every inner loop but one adds a multiple of one row to another.
-fn cholesky(matrix: &mut [[f32; LANES]], vector: &mut [f32]) -> Option<()> {
+/// Some rows at a time: once they are rows of `U`, their products are subtracted from all that is
+/// below. How many depends on the scratch memory, where 8 to 16 rows should have room. Every entry
+/// is one difference in the order of `U`'s rows, however many they are; `ROWS`, a divisor of 8, is
+/// that of [`add_normal_equations`].
+#[inline(always)]
+pub fn cholesky<const ROWS: usize>(
+    matrix: &mut [[f32; LANES]],
+    vector: &mut [f32],
+    scratch: &mut [[f32; LANES]],
+) -> Option<()> {
     let n = vector.len();
+    let stride = stride(n);
+    // Whole tiles, so that those below begin where a tile begins.
+    let room = (scratch.len() / stride).min(LANES) / PANEL * PANEL;
+    let batch = scratch.get_mut(..room * stride)?;
+    let (mut a, mut b) = (&mut *matrix, &mut *vector);
+    let mut first = 0;
+    while !b.is_empty() {
+        let count = b.len().min(room);
+        let (panel, below) = core::mem::take(&mut a).split_at_mut_checked(count * stride)?;
+        b = eliminate(panel, core::mem::take(&mut b), first, n)?;
+        first += count;
+        for (k, row) in panel.chunks_exact(stride).enumerate() {
+            for (to, lanes) in batch.chunks_exact_mut(room).zip(row) {
+                if let Some(to) = to.get_mut(k) {
+                    *to = *lanes;
+                }
+            }
+        }
+        let subtract = [(-1.0, 0.0); LANES];
+        add_products::<ROWS>(batch, subtract.get(..count)?, first, below, stride);
+        a = below;
+    }
+    for (i, row) in matrix.chunks_exact(stride).enumerate().rev() {
+        let (pivot, row) = row.as_flattened().get(i..n)?.split_first()?;
+        let (x, solved) = vector.get_mut(i..)?.split_first_mut()?;
+        let dot: f32 = row.iter().zip(&*solved).map(|(u, x)| u * x).sum();
+        *x = (*x - dot) / pivot;
+    }
+    vector.iter().all(|x| x.is_finite()).then_some(())
+}
+
+/// Makes rows of a matrix rows of `U`, of which everything above has been subtracted. The first of
+/// them is row `first` of `n`, and `b` begins with its entry of the right side; gives the entries
+/// after those of these rows.
+#[inline(always)]
+fn eliminate<'b>(
+    mut panel: &mut [[f32; LANES]],
+    mut b: &'b mut [f32],
+    first: usize,
+    n: usize,
+) -> Option<&'b mut [f32]> {
     let stride = stride(n);
     let subtract = |from: &mut [f32], factor: f32, row: &[f32]| {
         for (x, r) in from.iter_mut().zip(row) {
             *x -= factor * r;
         }
     };
-    let (mut a, mut b) = (&mut *matrix, &mut *vector);
-    for k in 0..n {
-        // The rows from k on; of them only the columns from k to n are of consequence.
-        let (row, below) = core::mem::take(&mut a).split_at_mut_checked(stride)?;
-        let (y, rest) = core::mem::take(&mut b).split_first_mut()?;
+    let mut k = first;
+    while !panel.is_empty() {
+        // Only the columns from k to n are of consequence.
+        let (row, below) = panel.split_at_mut_checked(stride)?;
+        let (y, rest) = b.split_first_mut()?;
         let (pivot, row) = row.as_flattened_mut().get_mut(k..n)?.split_first_mut()?;
         if !(*pivot > 0.0) {
             return None;
@@ -236,28 +355,26 @@ fn cholesky(matrix: &mut [[f32; LANES]], vector: &mut [f32]) -> Option<()> {
         // Uᵀ y = b on the way.
         *y *= inverse;
         subtract(rest, *y, row);
-        (a, b) = (below, rest);
+        (panel, b, k) = (below, rest, k + 1);
     }
-    for (i, row) in matrix.chunks_exact(stride).enumerate().rev() {
-        let (pivot, row) = row.as_flattened().get(i..n)?.split_first()?;
-        let (x, solved) = vector.get_mut(i..)?.split_first_mut()?;
-        let dot: f32 = row.iter().zip(&*solved).map(|(u, x)| u * x).sum();
-        *x = (*x - dot) / pivot;
-    }
-    vector.iter().all(|x| x.is_finite()).then_some(())
+    Some(b)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::Engine;
+    use crate::naive;
     use crate::rng::Rng;
+    use std::vec;
+    use std::vec::Vec;
 
     const N: usize = 21;
 
     /// Solves noisy equations whose noiseless solution is `i − 3`.
     fn solve(equations: usize, memory: &mut [f32]) -> Option<[f32; N]> {
         let mut rng = Rng::new(5, 0);
-        let mut system = System::new(N, add_normal_equations, memory)?;
+        let mut system = System::new(N, Engine::PORTABLE.normal_equations, memory)?;
         for _ in 0..equations {
             let mut right = 0.0;
             for (i, x) in system.rows[1].iter_mut().enumerate() {
@@ -282,15 +399,50 @@ mod tests {
     fn too_few_equations_or_words_are_refused() {
         let mut memory = [0.0; system_words(N)];
         assert_eq!(solve(0, &mut memory), None);
-        assert!(System::new(N, add_normal_equations, &mut memory[1..]).is_none());
+        assert!(System::new(N, Engine::PORTABLE.normal_equations, &mut memory[1..]).is_none());
     }
 
     #[test]
     fn a_pull_alone_leads_home() {
         let mut memory = [0.0; system_words(2)];
-        let mut system = System::new(2, add_normal_equations, &mut memory).unwrap();
+        let mut system = System::new(2, Engine::PORTABLE.normal_equations, &mut memory).unwrap();
         system.pull(0, 4.0, 0.5);
         system.pull(1, 1.0, -2.0);
         assert_eq!(system.solve(), Some(&[-0.5, 2.0][..]));
+    }
+
+    /// Solves random equations, and by the twins; gives the bits of both solutions.
+    fn solve_both(n: usize, normal_equations: NormalEquations) -> [Vec<u32>; 2] {
+        let mut rng = Rng::new(n as u64, 0);
+        let count = n + 70;
+        let mut numbers = |count| -> Vec<f32> { (0..count).map(|_| rng.normal_sd(1.0)).collect() };
+        let rows = numbers(n * count);
+        let equations: Vec<Equation> = numbers(count).into_iter().map(|y| (1.5 - y, y)).collect();
+        let mut memory = vec![f32::NAN; system_words(n)];
+        let mut system = System::new(n, normal_equations, &mut memory).unwrap();
+        let (mut a, mut b) = (vec![0.0; n * n], vec![0.0; n]);
+        for i in 0..n {
+            system.pull(i, 9.0, 0.0);
+            a[n * i + i] = 9.0;
+        }
+        for (row, &(weight, y)) in rows.chunks(n).zip(&equations) {
+            system.add_row(row, weight.abs(), y);
+        }
+        let equations: Vec<Equation> = equations.iter().map(|(w, y)| (w.abs(), *y)).collect();
+        naive::normal_equations(&rows, &equations, &mut a, &mut b);
+        naive::cholesky(&mut a, &mut b).unwrap();
+        [system.solve().unwrap(), &b].map(|x| x.iter().map(|x| x.to_bits()).collect())
+    }
+
+    #[test]
+    fn the_bits_are_the_twins_whatever_there_are_registers_for() {
+        let two = Engine::PORTABLE.normal_equations;
+        let four = NormalEquations { add: add_normal_equations::<4>, solve: cholesky::<4> };
+        for n in [1, 2, 7, 8, 15, 16, 17, 21, 57, 64, 77, 130, 200] {
+            for normal_equations in [two, four] {
+                let [fast, slow] = solve_both(n, normal_equations);
+                assert!(fast == slow, "{n}");
+            }
+        }
     }
 }

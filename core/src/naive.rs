@@ -207,3 +207,50 @@ pub fn ln_likelihood(
     }
     if covered > 0 { sum } else { f64::NEG_INFINITY }
 }
+
+/// Twin of [`crate::least_squares::add_normal_equations`]: equation by equation, with the same bits.
+/// Rows and matrix are as long as the vector.
+pub fn normal_equations(
+    rows: &[f32],
+    equations: &[(f32, f32)],
+    matrix: &mut [f32],
+    vector: &mut [f32],
+) {
+    let n = vector.len();
+    for (row, (weight, y)) in rows.chunks_exact(n).zip(equations) {
+        for i in 0..n {
+            vector[i] += weight * row[i] * y;
+            for j in i..n {
+                matrix[n * i + j] += weight * row[i] * row[j];
+            }
+        }
+    }
+}
+
+/// Twin of [`crate::least_squares::cholesky`]: row by row, with the same bits. Rows of the matrix are
+/// as long as the vector.
+pub fn cholesky(matrix: &mut [f32], vector: &mut [f32]) -> Option<()> {
+    let n = vector.len();
+    for k in 0..n {
+        if !(matrix[n * k + k] > 0.0) {
+            return None;
+        }
+        let inverse = 1.0 / math::sqrt(matrix[n * k + k]);
+        for j in k..n {
+            matrix[n * k + j] *= inverse;
+        }
+        vector[k] *= inverse;
+        for i in k + 1..n {
+            let factor = matrix[n * k + i];
+            for j in i..n {
+                matrix[n * i + j] -= factor * matrix[n * k + j];
+            }
+            vector[i] -= factor * vector[k];
+        }
+    }
+    for i in (0..n).rev() {
+        let dot: f32 = (i + 1..n).map(|j| matrix[n * i + j] * vector[j]).sum();
+        vector[i] = (vector[i] - dot) / matrix[n * i + i];
+    }
+    vector.iter().all(|x| x.is_finite()).then_some(())
+}

@@ -1,5 +1,5 @@
-//! How fast the fit is on this machine: stage by stage beside its naive twin, whole steps, and the
-//! memory bandwidth that bounds them.
+//! How fast the fit is on this machine: stage by stage beside its naive twin, whole steps, the
+//! search for the mode, and the memory bandwidth and arithmetic that bound them.
 //!
 //! Times are the fastest of many runs: what the machine does when nothing else runs on it. A chain
 //! repeats to the last bit, so the same holds step by step: each step counts with the fastest of
@@ -30,6 +30,7 @@ use onescan_core::render::shade::{self, Attributes, Planes, Shader};
 use onescan_core::render::{draw, draw_words};
 use onescan_core::rng::Rng;
 use onescan_core::scene::{Coefficients, Scene};
+use onescan_core::search::{self, ModeSearch, Options};
 use serde::{Serialize, Serializer};
 use std::fmt;
 use std::hint::black_box;
@@ -48,6 +49,10 @@ const SEED: u64 = 7;
 const STEPS: u32 = 1500;
 /// Runs of the same chain.
 const REPETITIONS: usize = 2;
+/// Components of each half of the search's other model: as many as a scan's usually keeps.
+const FULL_RANK: usize = 199;
+/// Passes of [`simd::arithmetic`] timed together: some ten microseconds.
+const PASSES: u32 = 2000;
 /// Time spent on each stage, on each twin and on each bandwidth.
 const BUDGET: Duration = Duration::from_millis(150);
 /// Read to measure the bandwidth of the memory: more than the caches of common machines hold.
@@ -418,6 +423,85 @@ pub struct Bandwidth {
     pub cache: f64,
 }
 
+/// How fast a search comes to the mode on one core.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ModeTime {
+    /// Components of the shape, and as many of the albedo.
+    pub rank: usize,
+    /// Iterations until it has converged.
+    pub iterations: usize,
+    /// Seconds of all of it.
+    pub seconds: f64,
+    /// Floating-point operations of an iteration, an estimate: the sums of the normal equations,
+    /// their solution, and both bases, once forth and once back.
+    pub flops_per_iteration: f64,
+    /// Bytes an iteration moves, an estimate: both bases forth and back and by vertex, and the
+    /// matrix when it is made, copied and solved.
+    pub bytes_per_iteration: f64,
+    /// Seconds if its operations at the peak, or moving these bytes at the memory's bandwidth,
+    /// whichever takes longer, were all there is to do.
+    pub roofline_seconds: f64,
+    /// Part of that speed reached.
+    pub fraction_of_roofline: f64,
+}
+
+impl ModeTime {
+    /// `gflops` and `bandwidth` are the machine's, 10⁹ per second.
+    fn new(
+        workload: &Workload,
+        model: &OwnedModel,
+        rank: usize,
+        gflops: f64,
+        bandwidth: f64,
+    ) -> Result<Self> {
+        let config = mode_config(rank);
+        let (model, landmarks) = (model.view(), workload.observations());
+        let problem = workload.problem(&model, &landmarks, &config);
+        let mut memory = vec![0; search::words(&problem)];
+        let mut times = Vec::new();
+        for _ in 0..REPETITIONS {
+            let begin = Instant::now();
+            let mut search =
+                ModeSearch::new(problem, Options::default(), &mut memory).map_err(Error::new)?;
+            let mut again = vec![begin.elapsed()];
+            let mut start = Instant::now();
+            while search.step().is_some() {
+                again.push(start.elapsed());
+                start = Instant::now();
+            }
+            let known = times.iter().copied().chain(std::iter::repeat(Duration::MAX));
+            times = again.into_iter().zip(known).map(|(time, known)| time.min(known)).collect();
+        }
+        let (iterations, seconds) = (times.len() - 1, times.iter().sum::<Duration>().as_secs_f64());
+        let n =
+            (2 * rank + search::unknowns::POSE + search::unknowns::LIGHT + search::unknowns::COLOR)
+                as f64;
+        let entries = 2.0 * (rank * field_len(model.vertices())) as f64;
+        let equations = 3.0 * search::SAMPLES as f64;
+        let flops = equations * n * n + n * n * n / 3.0 + 4.0 * entries;
+        // Half a matrix of 4-byte numbers is read and written four times.
+        let bytes = 3.0 * size_of::<i16>() as f64 * entries + 4.0 * 2.0 * 0.5 * 4.0 * n * n;
+        let roofline = iterations as f64 * (flops / gflops).max(bytes / bandwidth) * 1e-9;
+        Ok(Self {
+            rank,
+            iterations,
+            seconds,
+            flops_per_iteration: flops,
+            bytes_per_iteration: bytes,
+            roofline_seconds: roofline,
+            fraction_of_roofline: roofline / seconds,
+        })
+    }
+}
+
+/// A search's configuration with so many components of shape and albedo each.
+pub fn mode_config(rank: usize) -> Config {
+    Config::default().with(|config| {
+        (config.shape_rank, config.albedo_rank) = (rank, rank);
+        (config.landmark_samples, config.shape_samples, config.samples) = (0, 0, 0);
+    })
+}
+
 /// What was measured; displays as a table for a person, serializes as `onescan bench --json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
@@ -447,6 +531,10 @@ pub struct Report {
     pub roofline_steps_per_second: f64,
     /// Part of that reached.
     pub fraction_of_roofline: f64,
+    /// The most single-precision operations this machine does, one core, 10⁹ per second, not fused.
+    pub peak_gflops: f64,
+    /// The search for the mode: with as many components as fits infer by default, and 199.
+    pub mode: Vec<ModeTime>,
 }
 
 fn as_map<S: Serializer>(
@@ -466,7 +554,7 @@ impl Report {
     }
 }
 
-/// Measures everything; some ten seconds, told to `progress` in `[0, 1]`.
+/// Measures everything; half a minute or so, told to `progress` in `[0, 1]`.
 ///
 /// # Errors
 /// None in practice: everything it needs is built in.
@@ -499,6 +587,13 @@ pub fn measure(progress: &mut dyn FnMut(f64)) -> Result<Report> {
     let traffic = Traffic::new(&workload);
     let bandwidth =
         Bandwidth { memory: read_bandwidth(MEMORY_BYTES), cache: read_bandwidth(CACHE_BYTES) };
+    let passes = fastest(|| simd::arithmetic(PASSES));
+    let peak = simd::OPERATIONS as f64 * f64::from(PASSES) / passes / 1e9;
+    let full = demo::template_model(FULL_RANK, &mut |done, _| progress(0.95 + 0.04 * done))?.model;
+    let rank = Config::default().shape_rank;
+    let mode = [(&workload.model, rank), (&full, FULL_RANK)]
+        .map(|(model, rank)| ModeTime::new(&workload, model, rank, peak, bandwidth.memory));
+    let mode = mode.into_iter().collect::<Result<_>>()?;
     progress(1.0);
     let bytes_per_step = traffic.per_step(&fit);
     let roofline = 1e9 * bandwidth.cache / bytes_per_step;
@@ -513,6 +608,8 @@ pub fn measure(progress: &mut dyn FnMut(f64)) -> Result<Report> {
         bytes_per_step,
         roofline_steps_per_second: roofline,
         fraction_of_roofline: fit.speed().steps_per_second / roofline,
+        peak_gflops: peak,
+        mode,
     })
 }
 
@@ -697,7 +794,21 @@ impl fmt::Display for Report {
             self.roofline_steps_per_second,
             1e9 * memory / self.bytes_per_step
         )?;
-        write!(f, "the fit reaches {:.0} % of the former", 100.0 * self.fraction_of_roofline)
+        writeln!(f, "the fit reaches {:.0} % of the former", 100.0 * self.fraction_of_roofline)?;
+        writeln!(f)?;
+        write!(f, "{:12}{:>12}{:>12}{:>12}", "time to mode", "s", "iterations", "ms each")?;
+        write!(f, "{:>12}{:>12}{:>12}", "Mflop each", "MB each", "roofline s")?;
+        for mode in &self.mode {
+            let each = 1e3 * mode.seconds / mode.iterations as f64;
+            writeln!(f)?;
+            write!(f, "{:12}", format!("{0} + {0}", mode.rank))?;
+            write!(f, "{:>12.3}{:>12}{each:>12.2}", mode.seconds, mode.iterations)?;
+            write!(f, "{:>12.1}", 1e-6 * mode.flops_per_iteration)?;
+            write!(f, "{:>12.1}", 1e-6 * mode.bytes_per_iteration)?;
+            write!(f, "{:>12.3}", mode.roofline_seconds)?;
+        }
+        writeln!(f)?;
+        write!(f, "arithmetic: {:.0} Gflop/s at most, none fused", self.peak_gflops)
     }
 }
 
@@ -722,6 +833,16 @@ mod tests {
             bytes_per_step: 1e6,
             roofline_steps_per_second: 16e3,
             fraction_of_roofline: 0.1,
+            peak_gflops: 90.0,
+            mode: vec![ModeTime {
+                rank: 50,
+                iterations: 30,
+                seconds: 0.3,
+                flops_per_iteration: 1e8,
+                bytes_per_iteration: 1e7,
+                roofline_seconds: 0.1,
+                fraction_of_roofline: 0.3,
+            }],
         };
         let text = report.to_json().expect("JSON");
         let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
@@ -734,5 +855,7 @@ mod tests {
             assert!(json[key].is_number(), "{key}");
         }
         assert!(json["fraction_of_roofline"].is_number());
+        assert!(json["peak_gflops"].is_number());
+        assert_eq!(json["mode"][0]["seconds"], 0.3);
     }
 }

@@ -2,15 +2,17 @@
 //! them at run time. The bits are the same whatever is chosen.
 
 use onescan_core::engine::Engine;
+use onescan_core::render::LANES;
+use std::hint::black_box;
 
 /// Compiles every stage for the given target features.
 #[cfg(target_arch = "x86_64")]
 macro_rules! engine {
     ($module:ident, $features:literal) => {
         mod $module {
-            use onescan_core::basis::Basis;
+            use onescan_core::basis::{Basis, ByVertex, Costs};
             use onescan_core::engine::Engine;
-            use onescan_core::least_squares::add_normal_equations;
+            use onescan_core::least_squares::{self, NormalEquations, add_normal_equations};
             use onescan_core::likelihood::pixels::{self, Coverage, Known, Surface, Target};
             use onescan_core::mesh;
             use onescan_core::model::Triangles;
@@ -28,6 +30,10 @@ macro_rules! engine {
                 instance: |basis, coefficients, vertices| unsafe {
                     instance(basis, coefficients, vertices);
                 },
+                transposed: |basis, cost, coefficients| unsafe {
+                    transposed(basis, cost, coefficients);
+                },
+                rows: |basis, entries, costs, out| unsafe { rows(basis, entries, costs, out) },
                 normals: |triangles, positions, normals| unsafe {
                     vertex_normals(triangles, positions, normals);
                 },
@@ -42,14 +48,38 @@ macro_rules! engine {
                 residual: |surface, known, shader, target, limit| unsafe {
                     residual(surface, known, shader, target, limit)
                 },
-                normal_equations: |batch, equations, matrix, vector| unsafe {
-                    normal_equations(batch, equations, matrix, vector);
+                normal_equations: NormalEquations {
+                    add: |batch, equations, matrix, vector| unsafe {
+                        normal_equations(batch, equations, matrix, vector);
+                    },
+                    solve: |matrix, vector, scratch| unsafe { cholesky(matrix, vector, scratch) },
                 },
             };
+
+            /// [`super::arithmetic`].
+            #[target_feature(enable = $features)]
+            pub(super) fn arithmetic(passes: u32) -> f32 {
+                super::multiply_and_add(passes)
+            }
 
             #[target_feature(enable = $features)]
             fn instance(basis: &Basis<'_>, coefficients: &[f32], vertices: &mut [[f32; 4]]) {
                 basis.instance(coefficients, vertices);
+            }
+
+            #[target_feature(enable = $features)]
+            fn transposed(basis: &Basis<'_>, cost: &[[f32; 4]], coefficients: &mut [f32]) {
+                basis.transposed(cost, coefficients);
+            }
+
+            #[target_feature(enable = $features)]
+            fn rows(
+                basis: &Basis<'_>,
+                entries: Option<&ByVertex<'_>>,
+                costs: &[Costs],
+                rows: [&mut [f32]; 3],
+            ) {
+                basis.rows(entries, costs, rows);
             }
 
             #[target_feature(enable = $features)]
@@ -103,7 +133,16 @@ macro_rules! engine {
                 matrix: &mut [[f32; LANES]],
                 vector: &mut [f32],
             ) {
-                add_normal_equations(batch, equations, matrix, vector);
+                add_normal_equations::<4>(batch, equations, matrix, vector);
+            }
+
+            #[target_feature(enable = $features)]
+            fn cholesky(
+                matrix: &mut [[f32; LANES]],
+                vector: &mut [f32],
+                scratch: &mut [[f32; LANES]],
+            ) -> Option<()> {
+                least_squares::cholesky::<4>(matrix, vector, scratch)
             }
         }
     };
@@ -129,4 +168,33 @@ pub fn all() -> Vec<&'static Engine> {
         }
     }
     engines
+}
+
+/// Operations in a pass of [`arithmetic`].
+pub const OPERATIONS: usize = 2 * 6 * LANES;
+
+/// Multiplies and adds in registers, as often the one as the other, [`OPERATIONS`] times a pass: the
+/// most that this processor's vectors can do without fused operations, which have other bits.
+/// What comes of it means nothing.
+pub fn arithmetic(passes: u32) -> f32 {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the feature has just been detected.
+        return unsafe { avx2::arithmetic(passes) };
+    }
+    multiply_and_add(passes)
+}
+
+#[inline(always)]
+fn multiply_and_add(passes: u32) -> f32 {
+    let [factor, term] = black_box([0.5_f32; 2]);
+    let mut numbers = [[1.0_f32; LANES]; 6];
+    for _ in 0..passes {
+        for i in 0..6 {
+            for l in 0..LANES {
+                numbers[i][l] = numbers[i][l] * factor + term;
+            }
+        }
+    }
+    numbers.as_flattened().iter().sum()
 }

@@ -54,7 +54,7 @@ pub(super) struct Search<'s> {
     pub(super) fraction: f32,
     /// Standard deviation of a colour channel of a pixel.
     pub(super) sd: f32,
-    /// [`add_normal_equations`].
+    /// The engine's.
     pub(super) normal_equations: NormalEquations,
     /// [`search_words`] of it.
     pub(super) memory: &'s mut [f32],

@@ -6,11 +6,15 @@ use super::surface::at;
 use super::unknowns::POSE;
 use super::vector::{Vec3, add, apply, cross, scale, xyz};
 use super::window::Window;
+use crate::basis::Costs;
 use crate::least_squares::System;
 use core::array::from_fn;
 
-/// Pixels whose rows make the matrix.
-const SAMPLES: usize = 1500;
+/// The most pixels whose rows make the matrix.
+pub const SAMPLES: usize = 1500;
+/// Of successive iterations' first pixels: by this share of the way to the next, no two are alike
+/// and all are as far apart as can be.
+const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Vertices whose positions a pixel's colour may depend on.
 const MAX_AROUND: usize = 40;
 
@@ -25,7 +29,8 @@ impl ModeSearch<'_, '_> {
     ) {
         let width = self.problem.image.width as usize;
         let stride = (covered as f64 / SAMPLES as f64).max(1.0);
-        let mut next = self.rng.uniform() * stride;
+        let turn = GOLDEN * f64::from(self.iterations);
+        let mut next = (turn - f64::from(turn as u32)) * stride;
         let weight = self.pixel_weight() * stride as f32;
         let view = Window::new(&self.scene);
         let mut seen = 0.0;
@@ -64,72 +69,63 @@ impl ModeSearch<'_, '_> {
             shading.adjoint(point, gradient)
         });
         // What each channel's colour costs each position around, and the pose.
-        let mut around = heapless::Vec::<(usize, [Vec3; 3]), MAX_AROUND>::new();
-        let mut pose = [[0.0_f32; POSE]; 3];
-        for (channel, adjoint) in adjoints.iter().enumerate() {
-            let mut put = |vertex: usize, cost: Vec3| {
-                let known = around.iter_mut().find(|(v, _)| *v == vertex);
-                if let Some((_, costs)) = known {
-                    costs[channel] = add(costs[channel], cost);
-                } else {
-                    let mut costs = [[0.0; 3]; 3];
-                    costs[channel] = cost;
-                    // A corner of very many faces: what does not fit is left out of the matrix.
-                    let _ = around.push((vertex, costs));
+        let mut around = heapless::Vec::<Costs, MAX_AROUND>::new();
+        let mut put = |vertex: usize, cost: [Vec3; 3]| {
+            let known = around.iter_mut().find(|(v, _)| *v == vertex);
+            if let Some((_, costs)) = known {
+                for (sum, cost) in costs.iter_mut().zip(cost) {
+                    *sum = add(*sum, cost);
                 }
-            };
-            let motion = adjoint.motion(point, &slopes);
-            for (i, vertex) in corners.into_iter().enumerate() {
-                let w = point.weights[i];
-                let cost = scale(adjoint.normal, w);
-                let turned = apply(&view.rotation, cross(point.normals[i], cost));
+            } else {
+                // A corner of very many faces: what does not fit is left out of the matrix.
+                let _ = around.push((vertex, cost));
+            }
+        };
+        let mut pose = [[0.0_f32; POSE]; 3];
+        let motions = adjoints.map(|adjoint| adjoint.motion(point, &slopes));
+        for (i, vertex) in corners.into_iter().enumerate() {
+            let w = point.weights[i];
+            let position = xyz(at(self.surface.positions, vertex));
+            let costs = adjoints.map(|adjoint| scale(adjoint.normal, w));
+            let mut moved = [[0.0; 3]; 3];
+            for channel in 0..3 {
+                let turned = apply(&view.rotation, cross(point.normals[i], costs[channel]));
+                let [x, y] = motions[channel];
+                let (by_motion, by_pose) = view.adjoint(position, [w * x, w * y]);
+                moved[channel] = by_motion;
                 for (sum, t) in pose[channel].iter_mut().zip(turned) {
                     *sum += t;
                 }
-                self.surface.normal_adjoint(self.problem.model, vertex, cost, &mut put);
-                let position = xyz(at(self.surface.positions, vertex));
-                let (moved, by_pose) = view.adjoint(position, [w * motion[0], w * motion[1]]);
-                put(vertex, moved);
                 for (sum, p) in pose[channel].iter_mut().zip(by_pose) {
                     *sum += p;
                 }
             }
+            put(vertex, moved);
+            self.surface.normal_adjoint(self.problem.model, vertex, costs, &mut put);
+        }
+        let mut colors = [(0, [[0.0; 3]; 3]); 3];
+        for (color, (vertex, w)) in colors.iter_mut().zip(corners.into_iter().zip(point.weights)) {
+            *color = (vertex, adjoints.map(|adjoint| scale(adjoint.albedo, w)));
         }
         let model = self.problem.model;
-        let [shape, albedo] = &mut self.components;
-        let rows = &mut self.rows;
-        for row in rows.iter_mut() {
-            row.fill(0.0);
-        }
-        for (vertex, costs) in &around {
-            model.shape.at(*vertex, shape);
-            for (row, cost) in rows.iter_mut().zip(costs) {
-                let part = row.get_mut(POSE..).unwrap_or_default();
-                for (out, b) in part.iter_mut().zip(&**shape) {
-                    *out += cost[0] * b[0] + cost[1] * b[1] + cost[2] * b[2];
-                }
-            }
-        }
-        let first_albedo = POSE + self.layout.shape_rank;
-        for (vertex, w) in corners.into_iter().zip(point.weights) {
-            model.albedo.at(vertex, albedo);
-            for (row, adjoint) in rows.iter_mut().zip(&adjoints) {
-                let [r, g, b] = scale(adjoint.albedo, w);
-                let part = row.get_mut(first_albedo..).unwrap_or_default();
-                for (out, c) in part.iter_mut().zip(&**albedo) {
-                    *out += r * c[0] + g * c[1] + b * c[2];
-                }
-            }
-        }
-        for ((row, adjoint), pose) in rows.iter_mut().zip(&adjoints).zip(&pose) {
-            let Some(parts) = self.layout.split(row) else { continue };
-            *parts.pose = *pose;
-            for (out, y) in parts.light.iter_mut().zip(adjoint.harmonics) {
+        let [shape, albedo] = &self.by_vertex;
+        let parts = self.rows.each_mut().map(|row| self.layout.split(row));
+        let [Some(r), Some(g), Some(b)] = parts else { return };
+        let rows = self.problem.engine.rows;
+        rows(&model.shape, shape.as_ref(), &around, [r.shape, g.shape, b.shape]);
+        rows(&model.albedo, albedo.as_ref(), &colors, [r.albedo, g.albedo, b.albedo]);
+        let others =
+            [(r.pose, r.light, r.color), (g.pose, g.light, g.color), (b.pose, b.light, b.color)];
+        for (((to_pose, light, color), adjoint), pose) in
+            others.into_iter().zip(&adjoints).zip(pose)
+        {
+            *to_pose = pose;
+            for (out, y) in light.iter_mut().zip(adjoint.harmonics) {
                 *out = scale(adjoint.radiance, y);
             }
-            *parts.color = adjoint.color;
+            *color = adjoint.color;
         }
-        for row in rows {
+        for row in &self.rows {
             system.add_row(row, weight, 0.0);
         }
     }

@@ -107,7 +107,7 @@ impl ModeSearch<'_, '_> {
                 *sum += f64::from(t);
             }
             let positions = &mut *self.costs.positions;
-            self.surface.normal_adjoint(self.problem.model, v, cost, |vertex, cost| {
+            self.surface.normal_adjoint(self.problem.model, v, [cost], |vertex, [cost]| {
                 if let Some(to) = positions.get_mut(vertex) {
                     *to = [to[0] + cost[0], to[1] + cost[1], to[2] + cost[2], 0.0];
                 }
@@ -118,8 +118,9 @@ impl ModeSearch<'_, '_> {
         for (g, p) in parts.pose.iter_mut().zip(pose) {
             *g += p as f32;
         }
-        model.shape.transposed(self.costs.positions, parts.shape);
-        model.albedo.transposed(self.costs.albedo, parts.albedo);
+        let transposed = self.problem.engine.transposed;
+        transposed(&model.shape, self.costs.positions, parts.shape);
+        transposed(&model.albedo, self.costs.albedo, parts.albedo);
         for (g, l) in parts.light.as_flattened_mut().iter_mut().zip(light.as_flattened()) {
             *g += *l as f32;
         }

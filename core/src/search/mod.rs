@@ -10,8 +10,8 @@
 //! A step's direction is exact: the derivative of every covered pixel's colour, passed back by
 //! reverse differentiation through shading, normals, projection and basis (`shading.rs`,
 //! `surface.rs`), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
-//! the pixels, drawn evenly from a random first one on. Steps that do not lower `E` are not taken,
-//! but damped more. The seed changes the way to the mode, not what is minimised.
+//! the pixels, drawn evenly, others at every iteration. Steps that do not lower `E` are not taken,
+//! but damped more. Nothing is random.
 //!
 //! From coarse to fine: the photo is blurred less and a pixel's error is smaller at every level
 //! ([`Level`]).
@@ -33,6 +33,7 @@ mod window;
 use crate::chain::{ChainError, Problem};
 use crate::least_squares::System;
 use crate::scene::Scene;
+pub use curvature::SAMPLES;
 use shading::Shading;
 pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words};
 use surface::at;
@@ -40,11 +41,8 @@ use unknowns::{Layout, advance};
 
 /// Iterations on the landmarks alone, for the pose.
 const POSE_ITERATIONS: u32 = 40;
-/// Expected decrease of `E` below which a step counts as none.
-const STILL: f64 = 0.02;
-/// Pixels' worth of `E` that a step of the finest level may rise above the lowest yet: as many come
-/// and go at the outlines, of which the derivative knows nothing.
-const NOISE: f64 = 24.0;
+/// Decrease of `E` below which a step counts as none.
+const STILL: f64 = 0.05;
 /// Steps in a row that count as none before the search has converged.
 const PATIENCE: u32 = 2;
 /// Dampings tried for one step.
@@ -75,7 +73,6 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     pub fn new(
         problem: Problem<'a>,
         options: Options,
-        seed: u64,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
         let observed = problem.check()?;
@@ -84,7 +81,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         if memory.len() < needed {
             return Err(error);
         }
-        let mut search = Self::carve(problem, options, &observed, seed, memory).ok_or(error)?;
+        let mut search = Self::carve(problem, options, &observed, memory).ok_or(error)?;
         search.find_pose();
         search.look_outside();
         search.enter(0);
@@ -122,6 +119,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             }
         }
         (self.scene.pose, self.scene.camera) = (scene.pose, scene.camera);
+        self.rendered = false;
         self.initial.clone_from(&self.scene);
         self.energy.landmarks = self.landmark_energy(&self.scene);
         self.energy.prior = self.priors().energy(&self.scene);
@@ -147,8 +145,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.level = level;
         self.iteration = 0;
         self.still = 0;
-        self.lowest = f64::INFINITY;
-        self.fresh = false;
+        self.judged = false;
         self.damping = 1e-2;
         let blur = self.level().blur;
         let width = self.problem.image.width as usize;
@@ -165,7 +162,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         if self.done() {
             return None;
         }
-        if !self.fresh {
+        if !self.judged {
             self.render();
             self.energy = self.evaluate(&self.scene.clone());
         }
@@ -174,19 +171,19 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let shading = Shading::new(&self.scene);
         self.gradient.fill(0.0);
         self.add_gradient(&shading);
-        self.lowest = self.lowest.min(before.total());
-        self.promised = 0.0;
-        let found = self.descend(&shading, covered);
-        self.fresh = found.is_some();
+        let found = self.descend(&shading, covered, before);
+        self.judged = found.is_some();
         if let Some((scene, energy)) = found {
             (self.scene, self.energy) = (scene, energy);
+            self.rendered = true;
         }
         let after = self.energy;
         for &parameter in self.scene.parameters() {
             self.fingerprint.write_f32(&[parameter]);
         }
         let level = self.level;
-        self.still = if self.promised < STILL { self.still + 1 } else { 0 };
+        let calm = before.total() - after.total() < STILL;
+        self.still = if calm { self.still + 1 } else { 0 };
         self.iteration += 1;
         self.iterations += 1;
         if !self.finest() && (self.iteration >= self.level().iterations || self.still > 0) {
@@ -216,9 +213,10 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         &mut self,
         shading: &Shading,
         covered: usize,
+        before: Energy,
     ) -> Option<(Scene, Energy)> {
         let words = core::mem::take(&mut self.system);
-        let found = self.descend_in(words, shading, covered);
+        let found = self.descend_in(words, shading, covered, before);
         self.system = words;
         found
     }
@@ -228,6 +226,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         words: &mut [f32],
         shading: &Shading,
         covered: usize,
+        before: Energy,
     ) -> Option<(Scene, Energy)> {
         let n = self.layout.len();
         let mut system = System::new(n, self.problem.engine.normal_equations, words)?;
@@ -237,7 +236,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             &self.landmarks,
             &self.scene,
             self.problem.config.landmark_sd,
-            self.components[0],
+            self.components,
             &mut system,
         );
         self.priors().add(&self.scene, self.layout, &mut system);
@@ -246,19 +245,13 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let damping = |i: usize| {
             if light.contains(&i) { 1.0 } else { pose_damping(i) }
         };
-        let pixel = if self.finest() { NOISE } else { 0.0 };
-        let bound = self.lowest + pixel / f64::from(self.problem.config.pixel_patch);
         for _ in 0..TRIES {
             if system.solve_damped(self.damping, damping, self.matrix, self.step).is_some() {
-                let promised = system.promise(self.step);
                 let mut scene = self.scene.clone();
                 advance(&mut scene, &self.layout.split(self.step)?);
-                let Problem { model, engine, .. } = self.problem;
-                self.surface.update(model, engine, &scene);
-                (engine.rasterize)(model.triangles, self.surface.window, &mut self.frame);
+                self.render_other(&scene);
                 let after = self.evaluate(&scene);
-                if after.total() < bound {
-                    self.promised = promised;
+                if after.total() < before.total() {
                     self.damping = (0.25 * self.damping).max(1e-5);
                     return Some((scene, after));
                 }

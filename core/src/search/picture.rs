@@ -29,6 +29,7 @@ impl Kernel {
     /// sums leave out what lies beyond a line's ends.
     fn along(&self, values: &[f32], out: &mut [f32], step: usize, count: usize) {
         let Some(lines) = values.len().checked_div(step * count) else { return };
+        let inside_scale = self.scale(self.reach, 2 * self.reach + 1);
         for line in 0..lines {
             let range = line * step * count..(line + 1) * step * count;
             let (Some(values), Some(out)) = (values.get(range.clone()), out.get_mut(range)) else {
@@ -48,17 +49,23 @@ impl Kernel {
                 }
             }
             for (place, out) in out.chunks_exact_mut(step).enumerate() {
-                let mut sum = self.taps[0];
-                for (i, &tap) in self.taps.iter().enumerate().take(self.reach + 1).skip(1) {
-                    sum += if place >= i { tap } else { 0.0 };
-                    sum += if place + i < count { tap } else { 0.0 };
-                }
-                let k = 1.0 / sum;
+                let inside = place >= self.reach && place + self.reach < count;
+                let k = if inside { inside_scale } else { self.scale(place, count) };
                 for o in out {
                     *o *= k;
                 }
             }
         }
+    }
+
+    /// `1 / Σ tap` of the taps that are on a line.
+    fn scale(&self, place: usize, count: usize) -> f32 {
+        let mut sum = self.taps[0];
+        for (i, &tap) in self.taps.iter().enumerate().take(self.reach + 1).skip(1) {
+            sum += if place >= i { tap } else { 0.0 };
+            sum += if place + i < count { tap } else { 0.0 };
+        }
+        1.0 / sum
     }
 }
 

@@ -4,7 +4,7 @@ use super::occlusion::Hiding;
 use super::priors::{Priors, Widths};
 use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
-use crate::basis::padded;
+use crate::basis::{ByVertex, by_vertex_words, padded};
 use crate::chain::Problem;
 use crate::hash::Fnv64;
 use crate::least_squares::{matrix_words, system_words};
@@ -12,7 +12,6 @@ use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::landmarks::{Landmarks, rows_words};
 use crate::memory::Carver;
 use crate::render::rasterize::{Frame, frame_words};
-use crate::rng::Rng;
 use crate::scene::{Camera, Scene};
 
 /// One resolution of the search.
@@ -48,7 +47,8 @@ impl Default for Options {
     }
 }
 
-/// Words of memory a [`ModeSearch`] of a problem needs.
+/// Words of memory a [`ModeSearch`] of a problem needs. Without copies of the bases if it is to be
+/// [lean](Problem::lean): then it is slower, with the same bits.
 pub fn words(problem: &Problem<'_>) -> usize {
     let d = problem.dimensions();
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
@@ -57,12 +57,20 @@ pub fn words(problem: &Problem<'_>) -> usize {
     let rest = frame_words(d.width, d.height)
         + surface_words(d.vertices, problem.model.triangles.len())
         + 3 * 4 * padded(d.vertices)
-        + 3 * (d.shape_rank + d.albedo_rank)
+        + 3 * d.shape_rank
+        + copies_words(problem)
         + rows_words(d.landmarks, d.shape_rank)
         + equations_words(n)
         + matrix_words(n)
         + 5 * n;
     8 * pixels + rest
+}
+
+/// Words of copies of both bases, which cost memory and save time.
+fn copies_words(problem: &Problem<'_>) -> usize {
+    let d = problem.dimensions();
+    let words = |rank| if d.lean { 0 } else { by_vertex_words(d.vertices, rank) };
+    words(d.shape_rank) + words(d.albedo_rank)
 }
 
 /// Words of the normal equations, or of the histogram that is made there before.
@@ -122,32 +130,31 @@ pub struct ModeSearch<'a, 'w> {
     pub(super) planes: Planes<'w>,
     pub(super) frame: Frame<'w>,
     pub(super) surface: Surface<'w>,
+    /// Whether frame and surface are the scene's.
+    pub(super) rendered: bool,
     pub(super) costs: Costs<'w>,
-    /// A vertex's components.
-    pub(super) components: [&'w mut [[f32; 3]]; 2],
+    /// A vertex's components of the shape.
+    pub(super) components: &'w mut [[f32; 3]],
+    /// Shape and albedo by vertex, unless memory is scarce.
+    pub(super) by_vertex: [Option<ByVertex<'w>>; 2],
     /// Of a pixel's three channels.
     pub(super) rows: [&'w mut [f32]; 3],
     pub(super) system: &'w mut [f32],
     pub(super) matrix: &'w mut [f32],
     pub(super) gradient: &'w mut [f32],
     pub(super) step: &'w mut [f32],
-    pub(super) rng: Rng,
     pub(super) fingerprint: Fnv64,
     pub(super) damping: f32,
     pub(super) level: usize,
     pub(super) iteration: u32,
     pub(super) iterations: u32,
     pub(super) still: u32,
-    /// Lowest energy at this level.
-    pub(super) lowest: f64,
-    /// What the last step was expected to lower the energy by; 0 if none was taken.
-    pub(super) promised: f64,
     /// Covered pixels, and the sum of the mask.
     pub(super) seen: (usize, f32),
     /// Pixels that the face covers by the landmarks alone.
     pub(super) expected: usize,
-    /// Whether surface, frame, mask and weights are those of the scene.
-    pub(super) fresh: bool,
+    /// Whether energy, mask and weights are the scene's at this level.
+    pub(super) judged: bool,
     pub(super) energy: Energy,
 }
 
@@ -158,7 +165,6 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         problem: Problem<'a>,
         options: Options,
         observed: &[(u32, [f32; 2])],
-        seed: u64,
         memory: &'w mut [u32],
     ) -> Option<Self> {
         let Problem { model, image, config, .. } = problem;
@@ -179,8 +185,14 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let surface = Surface::carve(&mut carver, model)?;
         let mut quads = || carver.quads(padded(d.vertices));
         let costs = Costs { normals: quads()?, albedo: quads()?, positions: quads()? };
-        let mut components = |rank: usize| Some(carver.floats(3 * rank)?.as_chunks_mut().0);
-        let components = [components(d.shape_rank)?, components(d.albedo_rank)?];
+        let components = carver.groups(d.shape_rank)?;
+        let mut by_vertex = [None, None];
+        if !d.lean {
+            let halves = [(&model.shape, d.shape_rank), (&model.albedo, d.albedo_rank)];
+            for (copy, (basis, rank)) in by_vertex.iter_mut().zip(halves) {
+                *copy = Some(ByVertex::carve(&mut carver, basis, d.vertices, rank)?);
+            }
+        }
         let sd = config.landmark_sd;
         let landmarks = Landmarks::gather(&mut carver, model, observed, d.shape_rank, sd)?;
         let scene = Scene::initial(image.width, image.height, d.shape_rank, d.albedo_rank);
@@ -195,25 +207,24 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             planes,
             frame,
             surface,
+            rendered: false,
             costs,
             components,
+            by_vertex,
             rows: [carver.floats(n)?, carver.floats(n)?, carver.floats(n)?],
             system: carver.floats(equations_words(n))?,
             matrix: carver.floats(matrix_words(n))?,
             gradient: carver.floats(n)?,
             step: carver.floats(n)?,
-            rng: Rng::new(seed, 0),
             fingerprint: Fnv64::default(),
             damping: 1e-2,
             level: 0,
             iteration: 0,
             iterations: 0,
             still: 0,
-            lowest: f64::INFINITY,
-            promised: 0.0,
             seen: (0, 0.0),
             expected: 0,
-            fresh: false,
+            judged: false,
             energy: Energy::default(),
         })
     }
@@ -270,10 +281,20 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.level().error * self.problem.config.pixel_sd
     }
 
-    /// Computes and rasterizes the surface of the scene.
+    /// Computes and rasterizes the surface of the scene, unless that has been done.
     pub(super) fn render(&mut self) {
+        if !self.rendered {
+            let scene = self.scene.clone();
+            self.render_other(&scene);
+            self.rendered = true;
+        }
+    }
+
+    /// Computes and rasterizes the surface of a scene that may become the search's.
+    pub(super) fn render_other(&mut self, scene: &Scene) {
+        self.rendered = false;
         let Problem { model, engine, .. } = self.problem;
-        self.surface.update(model, engine, &self.scene);
+        self.surface.update(model, engine, scene);
         (engine.rasterize)(model.triangles, self.surface.window, &mut self.frame);
     }
 }

@@ -98,36 +98,44 @@ impl<'w> Surface<'w> {
         }
     }
 
-    /// Passes the cost of a vertex's normal back to the positions around it: calls `add` with
-    /// vertices and what is to be added to their positions' cost.
+    /// Passes what a vertex's normal costs several functions back to the positions around it: calls
+    /// `each` with vertices and what is to be added to their positions' costs.
     #[inline(always)]
-    pub(super) fn normal_adjoint(
+    pub(super) fn normal_adjoint<const N: usize>(
         &self,
         model: &Model<'_>,
         vertex: usize,
-        cost: Vec3,
-        mut each: impl FnMut(usize, Vec3),
+        costs: [Vec3; N],
+        mut each: impl FnMut(usize, [Vec3; N]),
     ) {
         let [x, y, z, inverse] = at(self.normals, vertex);
         let n = [x, y, z];
-        let sum = scale(sub(cost, scale(n, dot(n, cost))), inverse);
-        let mut own = [0.0; 3];
+        let sums = costs.map(|cost| scale(sub(cost, scale(n, dot(n, cost))), inverse));
+        let mut own = [[0.0; 3]; N];
         let range = at(self.starts, vertex) as usize..at(self.starts, vertex + 1) as usize;
         for &face in self.around.get(range).unwrap_or_default() {
             let Some(corners) = model.triangles.get(face as usize) else { continue };
             let corners = corners.map(|v| v as usize);
             let [x, y, z, inverse] = at(self.faces, face as usize);
             let n = [x, y, z];
-            let passed = scale(sub(sum, scale(n, dot(n, sum))), inverse);
             let [a, b, c] = corners.map(|v| xyz(at(self.positions, v)));
-            let by_b = cross(sub(c, a), passed);
-            let by_c = cross(passed, sub(b, a));
-            let by_a = scale(add(by_b, by_c), -1.0);
-            for (corner, cost) in corners.into_iter().zip([by_a, by_b, by_c]) {
+            let (to_b, to_c) = (sub(b, a), sub(c, a));
+            let mut by = [[[0.0; 3]; N]; 3];
+            for (i, sum) in sums.into_iter().enumerate() {
+                let passed = scale(sub(sum, scale(n, dot(n, sum))), inverse);
+                let by_b = cross(to_c, passed);
+                let by_c = cross(passed, to_b);
+                by[0][i] = scale(add(by_b, by_c), -1.0);
+                by[1][i] = by_b;
+                by[2][i] = by_c;
+            }
+            for (corner, costs) in corners.into_iter().zip(by) {
                 if corner == vertex {
-                    own = add(own, cost);
+                    for (own, cost) in own.iter_mut().zip(costs) {
+                        *own = add(*own, cost);
+                    }
                 } else {
-                    each(corner, cost);
+                    each(corner, costs);
                 }
             }
         }

@@ -5,7 +5,7 @@ use super::unknowns::POSE;
 use super::vector::{Vec3, dot, scale, sub, xyz};
 use super::window::Window;
 use super::*;
-use crate::basis::padded;
+use crate::basis::{ByVertex, Costs, by_vertex_words, padded};
 use crate::chain::Config;
 use crate::engine::Engine;
 use crate::image::Image;
@@ -13,6 +13,7 @@ use crate::least_squares::system_words;
 use crate::light::frontal;
 use crate::likelihood::landmarks::Observation;
 use crate::math;
+use crate::memory::Carver;
 use crate::mesh::vertex_normals;
 use crate::model::Model;
 use crate::render;
@@ -84,20 +85,25 @@ impl Case {
         Self { bytes, truth, pixels, landmarks, config }
     }
 
-    fn run<T>(
+    fn run<T>(&self, options: Options, f: impl FnOnce(&mut ModeSearch<'_, '_>) -> T) -> T {
+        self.run_with(options, false, f)
+    }
+
+    fn run_with<T>(
         &self,
         options: Options,
-        seed: u64,
+        lean: bool,
         f: impl FnOnce(&mut ModeSearch<'_, '_>) -> T,
     ) -> T {
         let model = model(&self.bytes);
         let observations: Vec<Observation<'_>> =
             self.landmarks.iter().map(|&(name, position)| Observation { name, position }).collect();
         let image = Image { pixels: &self.pixels, width: SIDE, height: SIDE };
-        let problem =
-            Problem::new(&model, image, &observations, &self.config).with_engine(&Engine::PORTABLE);
+        let problem = Problem::new(&model, image, &observations, &self.config)
+            .with_engine(&Engine::PORTABLE)
+            .with_lean(lean);
         let mut memory = vec![0; words(&problem)];
-        f(&mut ModeSearch::new(problem, options, seed, &mut memory).unwrap())
+        f(&mut ModeSearch::new(problem, options, &mut memory).unwrap())
     }
 }
 
@@ -161,11 +167,12 @@ fn potential(
 #[test]
 fn the_gradient_is_that_of_differences_in_every_block() {
     let case = Case::new(3);
-    case.run(Options::default(), 1, |search| {
+    case.run(Options::default(), |search| {
         let mut rng = Rng::new(9, 0);
         for c in search.scene.shape.iter_mut().chain(&mut search.scene.albedo) {
             *c = rng.normal_sd(0.5);
         }
+        search.rendered = false;
         search.render();
         search.compare(&search.scene.clone());
         let start = search.scene.clone();
@@ -231,7 +238,7 @@ fn weights_change_in_the_window_as_their_slopes_say() {
 #[test]
 fn the_rows_of_the_matrix_are_the_gradients() {
     let case = Case::new(4);
-    case.run(Options::default(), 1, |search| {
+    case.run(Options::default(), |search| {
         search.render();
         search.compare(&search.scene.clone());
         let shading = Shading::new(&search.scene);
@@ -273,7 +280,7 @@ fn the_rows_of_the_matrix_are_the_gradients() {
 #[test]
 fn a_face_of_the_model_is_found_again() {
     let case = Case::new(5);
-    let (scene, converged) = case.run(Options::default(), 1, |search| {
+    let (scene, converged) = case.run(Options::default(), |search| {
         let mut last = f64::INFINITY;
         let mut level = usize::MAX;
         while let Some(iteration) = search.step() {
@@ -299,18 +306,21 @@ fn a_face_of_the_model_is_found_again() {
 }
 
 #[test]
-fn the_seed_changes_the_way_and_not_the_mode() {
+fn another_start_changes_the_way_and_not_the_mode() {
     let case = Case::new(6);
-    let modes: Vec<(Scene, f64)> = (0..4)
-        .map(|seed| {
-            case.run(Options::default(), seed, |search| {
+    let modes: Vec<(Scene, f64)> = [0.0, -0.04, 0.04, 0.08]
+        .map(|turn| {
+            case.run(Options::default(), |search| {
+                search.scene.pose.yaw += turn;
+                (search.rendered, search.judged) = (false, false);
                 while search.step().is_some() {}
                 (search.scene().clone(), search.energy().total())
             })
         })
-        .collect();
+        .into();
     for (scene, energy) in &modes[1..] {
-        assert!((energy - modes[0].1).abs() < 1.0, "{energy} {}", modes[0].1);
+        // A pixel is an eighth of an observation here, and some twenty come and go at the outline.
+        assert!((energy - modes[0].1).abs() < 3.0, "{energy} {}", modes[0].1);
         for (a, b) in scene.shape.iter().zip(&modes[0].0.shape) {
             assert!((a - b).abs() < 0.25, "{a} {b}");
         }
@@ -320,7 +330,7 @@ fn the_seed_changes_the_way_and_not_the_mode() {
 #[test]
 fn what_hides_the_face_does_not_bend_it() {
     let mut case = Case::new(7);
-    let clean = case.run(Options::default(), 1, |search| {
+    let clean = case.run(Options::default(), |search| {
         while search.step().is_some() {}
         search.scene().clone()
     });
@@ -338,7 +348,7 @@ fn what_hides_the_face_does_not_bend_it() {
     };
     let [robust, plain] = [true, false].map(|occlusion| {
         let options = Options { occlusion, ..Options::default() };
-        case.run(options, 1, |search| {
+        case.run(options, |search| {
             while search.step().is_some() {}
             let hidden =
                 bar.clone().map(|y| at(search.mask(), y * SIDE as usize + 48)).fold(0.0, f32::max);
@@ -351,7 +361,7 @@ fn what_hides_the_face_does_not_bend_it() {
 #[test]
 fn priors_and_landmarks_pull_as_their_energies_fall() {
     let case = Case::new(8);
-    case.run(Options::default(), 1, |search| {
+    case.run(Options::default(), |search| {
         let mut rng = Rng::new(2, 0);
         let mut scene = search.scene.clone();
         for c in scene.shape.iter_mut().chain(&mut scene.albedo) {
@@ -374,7 +384,7 @@ fn priors_and_landmarks_pull_as_their_energies_fall() {
             if landmarks {
                 let sd = search.problem.config.landmark_sd;
                 let model = search.problem.model;
-                let components = &mut *search.components[0];
+                let components = &mut *search.components;
                 let landmarks = &search.landmarks;
                 landmarks::add_equations(model, landmarks, &scene, sd, components, &mut system);
             } else {
@@ -411,9 +421,8 @@ fn priors_and_landmarks_pull_as_their_energies_fall() {
 #[test]
 fn normals_are_those_of_the_renderer() {
     let case = Case::new(2);
-    case.run(Options::default(), 1, |search| {
-        search.scene = case.truth.clone();
-        search.render();
+    case.run(Options::default(), |search| {
+        search.render_other(&case.truth);
         let model = search.problem.model;
         let mut normals = vec![[0.0; 4]; padded(model.vertices())];
         vertex_normals(model.triangles, search.surface.positions, &mut normals);
@@ -452,4 +461,50 @@ fn a_basis_and_its_transpose_agree_about_products() {
         let two: f64 = costs.iter().zip(&c).map(|(x, y)| f64::from(x * y)).sum();
         assert!((one - two).abs() < 1e-3 * one.abs().max(1.0), "{one} {two}");
     }
+}
+
+#[test]
+fn rows_of_a_basis_are_sums_of_its_entries_with_or_without_a_copy() {
+    let bytes = aligned();
+    let model = model(&bytes);
+    let mut rng = Rng::new(6, 0);
+    let (basis, rank) = (&model.shape, model.shape.rank());
+    let mut memory = vec![0; by_vertex_words(model.vertices(), rank)];
+    let copy =
+        ByVertex::carve(&mut Carver::new(&mut memory), basis, model.vertices(), rank).unwrap();
+    let costs: Vec<Costs> =
+        (0..5).map(|i| (37 * i, from_fn(|_| from_fn(|_| rng.normal_sd(1.0))))).collect();
+    let [with, without] = [Some(&copy), None].map(|copy| {
+        let mut rows = [(); 3].map(|()| vec![0.0; rank]);
+        basis.rows(copy, &costs, rows.each_mut().map(|row| &mut row[..]));
+        rows
+    });
+    assert_eq!(with, without);
+    for (f, row) in with.iter().enumerate() {
+        let mut expected = vec![0.0; rank];
+        let mut entries = vec![[0.0; 3]; rank];
+        for (vertex, costs) in &costs {
+            basis.at(*vertex, &mut entries);
+            for (sum, entry) in expected.iter_mut().zip(&entries) {
+                *sum += dot(costs[f], *entry);
+            }
+        }
+        for (x, expected) in row.iter().zip(&expected) {
+            assert!((x - expected).abs() < 1e-4 * expected.abs().max(1.0), "{x} {expected}");
+        }
+    }
+}
+
+#[test]
+fn scarce_memory_changes_no_bits() {
+    let case = Case::new(5);
+    let [rich, lean] = [false, true].map(|lean| {
+        case.run_with(Options::default(), lean, |search| {
+            for _ in 0..4 {
+                search.step();
+            }
+            search.fingerprint()
+        })
+    });
+    assert_eq!(rich, lean);
 }

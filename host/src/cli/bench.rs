@@ -5,9 +5,10 @@ use onescan::bench;
 use onescan::error::Result;
 use onescan::progress::Console;
 
-/// Measure steps per second on this machine, stage by stage, beside its memory bandwidth.
+/// Measure steps per second on this machine, stage by stage, and the time to the mode, beside its
+/// memory bandwidth and arithmetic.
 ///
-/// On the built-in face model and a rendered face, one core; takes some ten seconds. Times are
+/// On the built-in face model and a rendered face, one core; takes half a minute. Times are
 /// the fastest of many runs, so a busy machine disturbs them little.
 #[derive(Args)]
 pub(super) struct Bench {

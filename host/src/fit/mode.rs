@@ -29,8 +29,8 @@ impl Job<'_> {
         let problem = observed.problem(self.model, &config, simd::best());
         let start = Instant::now();
         let mut memory = vec![0; search::words(&problem)];
-        let mut search = ModeSearch::new(problem, Options::default(), self.seed, &mut memory)
-            .map_err(Error::new)?;
+        let mut search =
+            ModeSearch::new(problem, Options::default(), &mut memory).map_err(Error::new)?;
         let (mut trace, mut taken) = (Vec::new(), 0);
         while let Some(iteration) = search.step() {
             if control.stop.load(Ordering::Relaxed) {
