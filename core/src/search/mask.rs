@@ -2,7 +2,8 @@
 //!
 //! A covered pixel shows the face, `N(colour, σ²)`, or something before it, distributed as the
 //! picture outside the face is (Egger et al. 2018; the paper's supplement). The log ratio of the
-//! two is averaged over neighbours, since what hides a face is larger than a pixel.
+//! two is averaged over neighbours, since what hides a face is larger than a pixel. Where the
+//! caller knows that the face is hidden, the mask is 0, and the pixel has no say in its neighbours'.
 
 use super::picture;
 use super::shading::Shading;
@@ -64,16 +65,17 @@ impl ModeSearch<'_, '_> {
                 let ratio = (face - at(self.planes.ln_background, index)).max(-HOPELESS);
                 covered += 1;
                 let [ratios, count] = &mut self.planes.scratch;
+                let open = self.options.open_at(index);
                 let (Some(r), Some(c)) = (ratios.get_mut(index), count.get_mut(index)) else {
                     continue;
                 };
-                *r = ratio;
-                *c = 1.0;
+                *r = open * ratio;
+                *c = open;
             }
         }
         if !self.options.occlusion {
             self.planes.mask.copy_from_slice(self.planes.scratch[1]);
-            return (covered, covered as f32);
+            return (covered, self.planes.mask.iter().sum());
         }
         let [ratios, count] = &mut self.planes.scratch;
         picture::blur(ratios, self.planes.mask, width, COHERENCE);
@@ -90,7 +92,7 @@ impl ModeSearch<'_, '_> {
                 let hidden = self.hidden(&hit);
                 // face (1 − ε) against background ε.
                 let odds = f64::from(hidden / (1.0 - hidden)) * math::exp(f64::from(-ratio));
-                let mask = (1.0 / (1.0 + odds)) as f32;
+                let mask = self.options.open_at(index) * (1.0 / (1.0 + odds)) as f32;
                 row += mask;
                 if let Some(out) = self.planes.mask.get_mut(index) {
                     *out = mask;

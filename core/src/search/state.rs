@@ -35,16 +35,26 @@ pub const LEVELS: [Level; 4] = [
 ];
 /// What a search needs to know besides the problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct Options<'a> {
     /// Priors that only the search uses.
     pub widths: Widths,
     /// Whether pixels may show something else than the face.
     pub occlusion: bool,
+    /// Where the face may be seen, if that is known: 255 of a pixel that may show it, 0 of one that
+    /// cannot, in between a part of its weight; row by row, as many as the picture has.
+    pub open: Option<&'a [u8]>,
 }
 
-impl Default for Options {
+impl Default for Options<'_> {
     fn default() -> Self {
-        Self { widths: Widths::default(), occlusion: true }
+        Self { widths: Widths::default(), occlusion: true, open: None }
+    }
+}
+
+impl Options<'_> {
+    /// How much a pixel may show the face, 0 to 1.
+    pub(super) fn open_at(&self, index: usize) -> f32 {
+        self.open.map_or(1.0, |open| f32::from(open.get(index).copied().unwrap_or(0)) / 255.0)
     }
 }
 
@@ -110,7 +120,7 @@ pub(super) struct Costs<'w> {
 /// A running search.
 pub struct ModeSearch<'a, 'w> {
     pub(super) problem: Problem<'a>,
-    pub(super) options: Options,
+    pub(super) options: Options<'a>,
     pub(super) hiding: Hiding,
     pub(super) layout: Layout,
     pub(super) scene: Scene,
@@ -146,7 +156,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     #[inline(never)]
     pub(super) fn carve(
         problem: Problem<'a>,
-        options: Options,
+        options: Options<'a>,
         observed: &[(u32, [f32; 2])],
         seed: u64,
         memory: &'w mut [u32],
