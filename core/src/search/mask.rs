@@ -5,6 +5,7 @@
 //! two is averaged over neighbours, since what hides a face is larger than a pixel. Where the
 //! caller knows that the face is hidden, the mask is 0, and the pixel has no say in its neighbours'.
 
+use super::occlusion::mapped;
 use super::picture;
 use super::shading::Shading;
 use super::state::ModeSearch;
@@ -64,8 +65,8 @@ impl ModeSearch<'_, '_> {
                 let face = normaliser - k * dot(difference, difference);
                 let ratio = (face - at(self.planes.ln_background, index)).max(-HOPELESS);
                 covered += 1;
-                let [ratios, count] = &mut self.planes.scratch;
                 let open = self.options.open_at(index);
+                let [ratios, count] = &mut self.planes.scratch;
                 let (Some(r), Some(c)) = (ratios.get_mut(index), count.get_mut(index)) else {
                     continue;
                 };
@@ -107,8 +108,12 @@ impl ModeSearch<'_, '_> {
     fn hidden(&self, hit: &Hit) -> f32 {
         let model = self.problem.model;
         let Some(corners) = model.triangles.get(hit.triangle) else { return 0.5 };
+        let corners = corners.map(|v| v as usize);
         let [second, third] = hit.weights;
-        let [a, b, c] = corners.map(|v| model.shape.mean_at(v as usize));
+        if let Some(map) = model.occlusion() {
+            return mapped(map, corners, [1.0 - second - third, second, third]);
+        }
+        let [a, b, c] = corners.map(|v| model.shape.mean_at(v));
         let place = add(add(scale(a, 1.0 - second - third), scale(b, second)), scale(c, third));
         self.hiding.at(place)
     }
