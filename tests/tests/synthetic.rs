@@ -3,17 +3,17 @@
 //!
 //! 20 identities the model has never seen, each at four yaw angles under random light, noise of
 //! standard deviation 0.02 and landmarks off by 2 pixels. The mean face is fitted the same way
-//! with pose, light and colour alone. `ONESCAN_TABLE=file` writes the table.
+//! with pose, light and colour alone. `ONESCAN_TABLE=file` writes the table, `ONESCAN_SCHEDULE=paper`
+//! fits by a chain.
 
 use onescan::demo::{FIT_LANDMARKS, random_light, synthetic_photo, template, template_model};
 use onescan::experiment::faces::{Identity, identities};
-use onescan::fit::{Control, Ending, Fit, Job};
+use onescan::fit::{Control, Ending, Fit, Job, Schedule};
 use onescan::mesh::Mesh;
 use onescan::model::layout;
 use onescan::photo::Crop;
 use onescan::render;
 use onescan::scan::rigid::Rigid;
-use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
@@ -47,6 +47,7 @@ fn fits_come_nearer_to_the_truth_than_the_mean_face() {
     let built = template_model(50, &mut |_, _| ()).unwrap();
     let model = built.model.view();
     let identities = identities(&fixtures).unwrap();
+    let schedule = schedule();
     let next = AtomicUsize::new(0);
     let cases = Mutex::new(vec![Case::default(); IDENTITIES * YAWS.len()]);
     std::thread::scope(|scope| {
@@ -59,7 +60,7 @@ fn fits_come_nearer_to_the_truth_than_the_mean_face() {
                     }
                     // Every third of the sixty.
                     let identity = &identities[3 * (number / YAWS.len())];
-                    let case = run(&model, identity, number);
+                    let case = run(&model, identity, number, schedule);
                     cases.lock().unwrap()[number] = case;
                 }
             });
@@ -93,8 +94,17 @@ fn fits_come_nearer_to_the_truth_than_the_mean_face() {
     }
 }
 
+/// How to fit: as `ONESCAN_SCHEDULE` says.
+fn schedule() -> Schedule {
+    let name = std::env::var("ONESCAN_SCHEDULE").unwrap_or_default();
+    let all = [Schedule::Mode, Schedule::Paper, Schedule::Sampler];
+    let named = all.into_iter().find(|schedule| schedule.to_string() == name);
+    assert!(named.is_some() || name.is_empty(), "no schedule {name}");
+    named.unwrap_or_default()
+}
+
 /// Renders one picture and fits it twice.
-fn run(model: &Model<'_>, identity: &Identity, number: usize) -> Case {
+fn run(model: &Model<'_>, identity: &Identity, number: usize, schedule: Schedule) -> Case {
     let (template, landmarks) = template().unwrap();
     let truth = Mesh {
         points: identity.points.clone(),
@@ -115,7 +125,9 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize) -> Case {
             photo: &photo,
             landmarks: &landmarks,
             crop: Crop::whole([photo.width, photo.height]),
-            config: Config::default().with(|config| {
+            mask: None,
+            schedule,
+            config: schedule.config(model).with(|config| {
                 config.shape_rank = rank;
                 config.albedo_rank = rank;
             }),
