@@ -21,7 +21,7 @@ use std::sync::atomic::AtomicBool;
 
 /// Build the built-in face model, fit it to three photos, write a report with pictures.
 ///
-/// Takes about a quarter of a minute. The directory then holds the model, each photo with its
+/// Takes about half a minute. The directory then holds the model, each photo with its
 /// landmarks and its fit, summary.json and report.html.
 #[derive(Args)]
 pub(super) struct Demo {
