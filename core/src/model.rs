@@ -19,12 +19,14 @@
 //! | 56 | 8 | total shape variance, f64, mm² (trace of the covariance before truncation) |
 //! | 64 | 8 | total albedo variance, f64 |
 //! | 72 | 96 | twelve sections: offset in units of 64 bytes (u32), length in bytes (u32) |
-//! | 168 | 24 | zero |
+//! | 168 | 8 | section 12, likewise; zero if there is none |
+//! | 176 | 16 | zero |
 //!
 //! Sections: 0 shape mean, 1 shape basis, 2 shape variance (per component), 3 shape quantum (per
 //! component), 4 to 7 the same of the albedo, 8 triangles, 9 landmarks (`u32` vertex, name offset,
-//! name length), 10 landmark names, 11 provenance. Means and variances are f32, bases i16; fields
-//! and bases are laid out as [`crate::basis`] says.
+//! name length), 10 landmark names, 11 provenance; 12, which a model need not have, occlusion (a
+//! byte per vertex: 255 times the prior probability that the surface is hidden there). Means and
+//! variances are f32, bases i16; fields and bases are laid out as [`crate::basis`] says.
 
 use crate::basis::{Basis, LANES, padded};
 use crate::hash;
@@ -61,10 +63,11 @@ pub enum Section {
     Landmarks,
     Names,
     Provenance,
+    Occlusion,
 }
 
 impl Section {
-    /// All of them, in file order.
+    /// All that every model has, in file order; [`Section::Occlusion`] follows.
     pub const ALL: [Self; 12] = [
         Self::ShapeMean,
         Self::ShapeBasis,
@@ -94,6 +97,7 @@ impl Section {
             Self::Landmarks => "landmarks",
             Self::Names => "landmark names",
             Self::Provenance => "provenance",
+            Self::Occlusion => "occlusion",
         }
     }
 }
@@ -200,6 +204,7 @@ pub struct Model<'a> {
     landmarks: &'a [[u32; 3]],
     names: &'a str,
     provenance: &'a str,
+    occlusion: Option<&'a [u8]>,
 }
 
 impl<'a> Model<'a> {
@@ -305,6 +310,7 @@ impl<'a> Model<'a> {
             landmarks,
             names,
             provenance: header.text(Section::Provenance)?,
+            occlusion: header.optional(Section::Occlusion, vertices)?,
         })
     }
 
@@ -334,6 +340,12 @@ impl<'a> Model<'a> {
     /// Where the model comes from: `key = value` lines (scan, kernels, ranks, captured variance).
     pub fn provenance(&self) -> &'a str {
         self.provenance
+    }
+
+    /// Where the surface is likely to be hidden, by hair say, before a picture is seen: per vertex
+    /// the probability times 255. `None` if the model does not know.
+    pub fn occlusion(&self) -> Option<&'a [u8]> {
+        self.occlusion
     }
 }
 
@@ -368,6 +380,14 @@ impl<'a> Header<'a> {
         let error = ModelError::SectionBounds { section };
         let items: &[T] = bytemuck::try_cast_slice(self.bytes(section)?).map_err(|_| error)?;
         if items.len() == count { Ok(items) } else { Err(error) }
+    }
+
+    /// A section that an entry of zeros says is absent.
+    fn optional(&self, section: Section, count: usize) -> Result<Option<&'a [u8]>, ModelError> {
+        if self.u64(TABLE_AT + 8 * section as usize) == 0 {
+            return Ok(None);
+        }
+        self.section(section, count).map(Some)
     }
 
     fn text(&self, section: Section) -> Result<&'a str, ModelError> {

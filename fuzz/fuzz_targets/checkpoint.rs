@@ -2,11 +2,11 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
 use onescan::fit::checkpoint::Save;
-use onescan::fit::{Control, Ending, Job};
+use onescan::fit::{Control, Ending, Job, Schedule};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
-use onescan_core::chain::{Chain, Config, Problem, Schedule};
+use onescan_core::chain::{self, Chain, Config, Problem};
 use onescan_core::hash::fnv64;
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
@@ -40,13 +40,15 @@ fn good() -> &'static [u8] {
             photo: &photo,
             landmarks: &landmarks,
             crop,
+            mask: None,
+            schedule: Schedule::Paper,
             config,
             seed: 7,
             chains: 1,
         };
         let control = Control { stop: &AtomicBool::new(true), steps: &AtomicU64::new(0) };
         match job.run(None, &control) {
-            Ok(Ending::Stopped(save)) => save.to_bytes().expect("it can be saved"),
+            Ok(Ending::Stopped(Some(save))) => save.to_bytes().expect("it can be saved"),
             _ => panic!("it was told to stop"),
         }
     })
@@ -74,7 +76,7 @@ fuzz_target!(|data: &[u8]| {
         .map(|(name, position)| Observation { name, position });
     let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
     let problem = Problem::new(&model, image, &landmarks, &config)
-        .with_schedule(Schedule::of(&landmarks))
+        .with_schedule(chain::Schedule::of(&landmarks))
         .with_lean(true);
     let mut memory = vec![0; problem.dimensions().words()];
     for chain in save.chains {

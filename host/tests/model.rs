@@ -5,8 +5,11 @@ use onescan::mesh::ply;
 use onescan::mesh::{Axis, Mesh};
 use onescan::model::build::{BuildOptions, BuiltModel, Method, build};
 use onescan::model::decompose::Truncation;
+use onescan::model::export::{ExportOptions, export};
 use onescan::model::kernel::{Kernels, Preset, Vertex};
+use onescan::model::morphable::Morphable;
 use onescan::model_file::OwnedModel;
+use onescan_core::hash::fnv64;
 use std::path::{Path, PathBuf};
 
 fn fixture(name: &str) -> PathBuf {
@@ -77,6 +80,35 @@ fn a_written_model_is_read_as_it_was_built() {
     assert!(view.provenance().contains("scan = \"part.ply\"\n"));
     assert!(view.provenance().contains("kernels = \"symmetric-full\"\n"));
     assert!(report.to_string().contains("20 components hold"), "{report}");
+}
+
+#[test]
+fn an_occlusion_map_goes_with_the_model_and_changes_nothing_else() {
+    let BuiltModel { model, .. } = built(&part_of_the_template(), &options(Truncation::Rank(5)));
+    let without = Morphable::of(&model.view());
+    assert_eq!(model.view().occlusion(), None);
+    assert_eq!(model.bytes()[168..192], [0; 24]);
+    let map: Vec<u8> = (0..500).map(|v| (v % 256) as u8).collect();
+    let with = Morphable { occlusion: Some(map.clone()), ..without.clone() };
+    let file = with.to_model(i16::MAX).unwrap();
+    assert_eq!(file.view().occlusion(), Some(&map[..]));
+    assert_eq!(without.to_model(i16::MAX).unwrap().bytes(), model.bytes());
+    // But for length, checksum and its entry in the table.
+    let (a, b) = (model.bytes(), file.bytes());
+    assert_eq!((&a[32..168], &a[192..]), (&b[32..168], &b[192..a.len()]));
+
+    let region = with.region(|v| v >= 100).unwrap();
+    assert_eq!(region.occlusion.as_deref(), Some(&map[100..]));
+    let smaller = ExportOptions { shape_rank: 3, albedo_rank: 3, vertices: Some(200), bits: 16 };
+    let exported = export(&file, &smaller).unwrap().model;
+    assert_eq!(exported.view().occlusion().map(<[u8]>::len), Some(exported.view().vertices()));
+
+    let mut damaged = file.bytes().to_vec();
+    damaged[172] -= 1;
+    let checksum = fnv64(&damaged[24..]).to_le_bytes();
+    damaged[16..24].copy_from_slice(&checksum);
+    let error = OwnedModel::from_bytes(&damaged).unwrap_err().to_string();
+    assert!(error.contains("section occlusion: wrong place or length"), "{error}");
 }
 
 #[test]

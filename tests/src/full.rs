@@ -14,7 +14,7 @@ use onescan_core::rng::Rng;
 use std::fs;
 use std::path::Path;
 
-/// Components of each half: as many as a fit infers by default.
+/// Components of each half: as many as a chain infers by default.
 const RANK: usize = 50;
 
 /// Component `k` moves one coordinate (or channel) by a wave over the mesh.
@@ -58,7 +58,7 @@ impl Deviation for Waves {
     }
 }
 
-/// Writes `face.3dmm`, and what a default fit to `photos/astronaut.png` looks at: `photo.ppm` and
+/// Writes `face.3dmm`, and what a default chain's fit to `photos/astronaut.png` looks at: `photo.ppm` and
 /// `photo.tlms`.
 ///
 /// # Errors
@@ -71,6 +71,7 @@ pub fn write(place: &Path, photos: &Path) -> Result<()> {
         triangles: &mesh.triangles,
         landmarks: &landmarks,
         provenance: "kernels = waves, for tests\n",
+        occlusion: None,
         levels: i16::MAX,
     };
     OwnedModel::from_bytes(&parts.to_bytes()?)?.write(&place.join("face.3dmm"))?;

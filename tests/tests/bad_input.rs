@@ -1,6 +1,7 @@
 //! Whatever is wrong with a file, the answer is one line that names it, exit code 1, and nothing
 //! left behind.
 
+use onescan::photo::picture::Picture;
 use onescan_tests::program::{Onescan, fixtures};
 use std::collections::BTreeSet;
 use std::fs;
@@ -278,6 +279,7 @@ fn models() {
 fn what_models_are_made_of() {
     const POSTERIOR: &str = "model posterior @golden/small.3dmm --landmarks bad.json -o out.3dmm";
     const REGION: &str = "model region @golden/small.3dmm --mask bad.txt -o out.3dmm";
+    const OCCLUSION: &str = "model occlusion @golden/small.3dmm --map bad.txt -o out.3dmm";
     let other = fixture("face/template.ply");
     let mesh = |line| case("another topology", "bad.ply", &other[..], line, "vertices, ");
     refuses(vec![
@@ -295,6 +297,26 @@ fn what_models_are_made_of() {
         mesh("model recentre @golden/small.3dmm bad.ply -o out.3dmm"),
         mesh("model posterior @golden/small.3dmm --mesh bad.ply -o out.3dmm"),
         mesh("evaluate @golden/small.3dmm --meshes bad.ply -o out"),
+        mesh("model occlusion @golden/small.3dmm --map bad.ply -o out.3dmm"),
+        case(
+            "a map of words",
+            "bad.txt",
+            "0 1 yes",
+            OCCLUSION,
+            "line 3: \"yes\", expected a number",
+        ),
+        case("not a probability", "bad.txt", "0 1.5", OCCLUSION, "line 2: \"1.5\""),
+        case("a short map", "bad.txt", "0\n0.5\n", OCCLUSION, "has 2 lines"),
+        Case {
+            bytes: None,
+            ..case(
+                "a format that cannot carry it",
+                "out.h5",
+                "",
+                "model occlusion @golden/small.3dmm --map bad.txt -o out.h5",
+                "only .3dmm",
+            )
+        },
         case(
             "a mesh that is not registered",
             "bad.ply",
@@ -460,13 +482,86 @@ fn landmarks_of_a_photo() {
     ]);
 }
 
+/// The astronaut's landmarks, each changed: name, x and y.
+fn changed(change: impl Fn(&str, f32, f32) -> (String, f32, f32)) -> String {
+    let text = String::from_utf8(fixture("photos/astronaut.tlms")).unwrap();
+    let lines = text.lines().map(|line| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let (name, x, y) = change(words[0], words[2].parse().unwrap(), words[3].parse().unwrap());
+        format!("{name} {} {x} {y}\n", words[1])
+    });
+    lines.collect()
+}
+
+#[test]
+fn landmarks_that_mean_something_else() {
+    const FIT: &str = "fit @golden/small.3dmm @photos/astronaut.png --landmarks bad.tlms -o out";
+    const CHAIN: &str = "fit @golden/small.3dmm @photos/astronaut.png --landmarks bad.tlms \
+                         --schedule paper -o out";
+    let keep = |name: &str| name.to_string();
+    let other_side = |name: &str| match name.split_once('.') {
+        Some(("left", rest)) => format!("right.{rest}"),
+        Some(("right", rest)) => format!("left.{rest}"),
+        _ => name.to_string(),
+    };
+    let swapped = changed(|name, x, y| (other_side(name), x, y));
+    refuses(vec![
+        case("sides exchanged", "bad.tlms", &*swapped, FIT, "left and right are exchanged"),
+        case("sides exchanged", "bad.tlms", swapped, CHAIN, "left and right are exchanged"),
+        case(
+            "y up",
+            "bad.tlms",
+            changed(|name, x, y| (keep(name), x, 511.0 - y)),
+            FIT,
+            "y seems to point up",
+        ),
+        case(
+            "axes exchanged",
+            "bad.tlms",
+            changed(|name, x, y| (keep(name), y, x)),
+            FIT,
+            "are x and y exchanged",
+        ),
+        case(
+            "parts of the sides",
+            "bad.tlms",
+            changed(|name, x, y| (keep(name), x / 512.0, y / 512.0)),
+            FIT,
+            "multiply x by 512 and y by 512",
+        ),
+        case(
+            "one point",
+            "bad.tlms",
+            changed(|name, x, y| (keep(name), 220.0 + x / 512.0, 130.0 + y / 512.0)),
+            FIT,
+            "fall together",
+        ),
+    ]);
+}
+
+#[test]
+fn masks_of_a_photo() {
+    const FIT: &str = "fit @golden/small.3dmm @photos/astronaut.png \
+                       --landmarks @photos/astronaut.tlms --mask bad.png -o out";
+    const CHAIN: &str = "fit @golden/small.3dmm @photos/astronaut.png \
+                         --landmarks @photos/astronaut.tlms --mask bad.png --schedule paper -o out";
+    let picture = |side, color| Picture::filled(side, side, [color; 3]).to_png().unwrap();
+    refuses(vec![
+        Case { bytes: None, ..case("missing", "bad.png", "", FIT, "No such file") },
+        case("no bytes", "bad.png", "", FIT, "PNG or JPEG"),
+        case("another size", "bad.png", picture(256, 255), FIT, "256×256, the photo 512×512"),
+        case("all hidden", "bad.png", picture(512, 0), FIT, "the mask hides all of it"),
+        case("a chain", "bad.png", picture(512, 255), CHAIN, "a mask is for --schedule mode"),
+    ]);
+}
+
 #[test]
 fn parameters_of_a_fit() {
     const FIT: &str = "render @golden/small.3dmm --fit bad.json -o out.png";
     const RPS: &str = "render @golden/small.3dmm --rps bad.rps -o out.png";
     let place = tempdir().unwrap();
     let fit = "fit @golden/small.3dmm @photos/astronaut.png --landmarks @photos/astronaut.tlms \
-               --landmark-samples 20 --samples 20 -o fit";
+               --schedule paper --landmark-samples 20 --samples 20 -o fit";
     Onescan::new(place.path(), fit).succeed();
     let text = |name: &str| fs::read_to_string(place.path().join("fit").join(name)).unwrap();
     let (json, rps) = (text("fit.json"), text("fit.rps"));
@@ -503,11 +598,11 @@ fn parameters_of_a_fit() {
 #[test]
 fn checkpoints() {
     const FIT: &str = "fit @golden/small.3dmm @photos/astronaut.png \
-                       --landmarks @photos/astronaut.tlms -o out --resume";
+                       --landmarks @photos/astronaut.tlms --schedule paper -o out --resume";
     const FILE: &str = "out/checkpoint.bin";
     let place = tempdir().unwrap();
     let line = "fit @golden/small.3dmm @photos/astronaut.png \
-                --landmarks @photos/astronaut.tlms --samples 1000000 -o out";
+                --landmarks @photos/astronaut.tlms --schedule paper --samples 1000000 -o out";
     let run = Onescan::new(place.path(), line).interrupt(Duration::from_secs(1));
     assert_eq!(run.code, Some(1), "{run:?}");
     let whole = fs::read(place.path().join(FILE)).unwrap();
@@ -523,6 +618,25 @@ fn checkpoints() {
         case("a bit flipped", FILE, flipped, FIT, "damaged"),
         case("another version", FILE, newer, FIT, "version"),
     ]);
+}
+
+#[test]
+fn a_search_refuses_what_only_a_chain_can() {
+    let place = tempdir().unwrap();
+    for option in
+        ["--samples 5", "--landmark-samples 5", "--shape-samples 5", "--chains 2", "--resume"]
+    {
+        let line = format!(
+            "fit @golden/small.3dmm @photos/astronaut.png --landmarks @photos/astronaut.tlms \
+             -o out {option}"
+        );
+        let run = Onescan::new(place.path(), &line).run();
+        let name = option.split(' ').next().unwrap();
+        assert_eq!((run.code, run.stderr.lines().count()), (Some(1), 1), "{run:?}");
+        assert!(run.stderr.starts_with(&format!("onescan: {name} is for chains")), "{run:?}");
+        assert!(run.stderr.contains("add --schedule paper"), "{run:?}");
+    }
+    assert!(listing(place.path()).is_empty());
 }
 
 #[test]
@@ -578,6 +692,7 @@ fn wrong_usage_is_told_apart() {
         "fit m.3dmm p.png -o out",
         "fit m.3dmm p.png --landmarks p.tlms -o out --chains 0",
         "fit m.3dmm p.png --landmarks p.tlms -o out --samples -1",
+        "fit m.3dmm p.png --landmarks p.tlms -o out --schedule fastest",
     ] {
         let run = Onescan::new(place.path(), line).run();
         assert_eq!(run.code, Some(2), "{line}: {run:?}");

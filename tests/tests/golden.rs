@@ -12,12 +12,18 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Fits of the small model, by name.
+/// Chains of the small model, by name.
 const FITS: [(&str, &str); 4] = [
-    ("astronaut", "@photos/astronaut.png --landmarks @photos/astronaut.tlms"),
-    ("two_chains", "@photos/astronaut.png --landmarks @photos/astronaut.tlms --chains 2 --seed 1"),
-    ("sampler", "@photos/obama.jpg --landmarks @photos/obama.tlms --sampler"),
-    ("shape_alone", "@photos/obama.jpg --landmarks @photos/obama.tlms --albedo-rank 0 --size 128"),
+    ("astronaut", "@photos/astronaut.png --landmarks @photos/astronaut.tlms --schedule paper"),
+    (
+        "two_chains",
+        "@photos/astronaut.png --landmarks @photos/astronaut.tlms --schedule paper --chains 2 --seed 1",
+    ),
+    ("sampler", "@photos/obama.jpg --landmarks @photos/obama.tlms --schedule sampler"),
+    (
+        "shape_alone",
+        "@photos/obama.jpg --landmarks @photos/obama.tlms --schedule paper --albedo-rank 0 --size 128",
+    ),
 ];
 const STEPS: &str = "--landmark-samples 400 --samples 600";
 
@@ -67,7 +73,8 @@ fn full_size() {
     let out = target().join("full");
     fs::create_dir_all(&out).unwrap();
     full::write(&out, &fixtures().join("photos")).unwrap();
-    let fit = "fit face.3dmm @photos/astronaut.png --landmarks @photos/astronaut.tlms -o fit";
+    let fit = "fit face.3dmm @photos/astronaut.png --landmarks @photos/astronaut.tlms \
+               --schedule paper -o fit";
     Onescan::new(&out, fit).succeed();
     let found = format!("fingerprint {}\n", fingerprint(&json(&out.join("fit/fit.json"))));
     let path = golden().join("full.txt");

@@ -96,3 +96,38 @@ fn a_plane_of_symmetry_is_an_axis_given_or_found() {
         assert!((variance / expected - 1.0).abs() < 1e-3, "{model}: {variance}, not {expected}");
     }
 }
+
+#[test]
+fn an_occlusion_map_is_painted_set_and_believed() {
+    let place = tempdir().unwrap();
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+    // Of the mean, painted: the lower half of the face is hidden.
+    run("modes @golden/small.3dmm -n 1 -o modes");
+    let mut painted = ply::read(&place.path().join("modes/mean.ply")).unwrap();
+    for (color, point) in painted.colors.iter_mut().zip(&painted.points) {
+        *color = [if point[1] < 0.0 { 1.0 } else { 0.0 }; 3];
+    }
+    let mut bytes = Vec::new();
+    ply::write(&mut bytes, &painted, ply::Encoding::Binary).unwrap();
+    fs::write(place.path().join("painted.ply"), bytes).unwrap();
+    run("model occlusion @golden/small.3dmm --map painted.ply -o veiled.3dmm");
+    let info: Value = serde_json::from_str(&run("info veiled.3dmm --json")).unwrap();
+    assert_eq!(info["occlusion_map"], true);
+
+    let seen = |model: &str, out: &str| {
+        run(&format!(
+            "fit {model} @photos/astronaut.png --landmarks @photos/astronaut.tlms -o {out}"
+        ));
+        let mask = photo::read(&place.path().join(out).join("mask.png")).unwrap();
+        let half = mask.rgb.len() / 2;
+        let count = |part: &[[u8; 3]]| part.iter().filter(|pixel| pixel[0] > 127).count();
+        [count(&mask.rgb[..half]), count(&mask.rgb[half..])]
+    };
+    let (plain, veiled) = (seen("@golden/small.3dmm", "plain"), seen("veiled.3dmm", "veiled"));
+    assert!(veiled[1] < plain[1], "{veiled:?} {plain:?}");
+    assert!(2 * veiled[0] > plain[0], "{veiled:?} {plain:?}");
+
+    run("convert veiled.3dmm -o lost.h5");
+    let info: Value = serde_json::from_str(&run("info lost.h5 --json")).unwrap();
+    assert_eq!(info["occlusion_map"], false);
+}

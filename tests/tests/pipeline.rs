@@ -2,7 +2,9 @@
 //! same bits.
 
 use onescan::mesh::ply;
-use onescan::photo;
+use onescan::photo::picture::Picture;
+use onescan::photo::tlms::Tlms;
+use onescan::photo::{self, Crop};
 use onescan_tests::program::{Onescan, fingerprint, fixtures, json};
 use serde_json::Value;
 use std::fmt::Write;
@@ -12,7 +14,8 @@ use std::time::{Duration, Instant};
 use tempfile::{TempDir, tempdir};
 
 const ASTRONAUT: &str = "@photos/astronaut.png --landmarks @photos/astronaut.tlms";
-const SHORT: &str = "--landmark-samples 300 --samples 300";
+/// A short chain.
+const SHORT: &str = "--schedule paper --landmark-samples 300 --samples 300";
 
 /// Fits the golden model to the astronaut.
 fn fit(directory: &Path, name: &str, arguments: &str) -> Value {
@@ -151,6 +154,114 @@ fn is_self_contained(html: &str) {
 }
 
 #[test]
+fn a_fit_searches_for_the_mode_with_all_components() {
+    let place = tempdir().unwrap();
+    let found = fit(place.path(), "fit", "");
+    let number = |path: &str| found.pointer(path).and_then(Value::as_f64).unwrap();
+    for half in ["shape", "albedo"] {
+        let coefficients = found["parameters"][half].as_array().unwrap();
+        assert_eq!(coefficients.len(), 20, "the whole model's");
+    }
+    assert_eq!(found["steps"], found["mode"]["iterations"]);
+    assert_eq!([&found["landmark_samples"], &found["samples"]], [0, 0]);
+    assert!(number("/pixel_rmse/best") < number("/pixel_rmse/initial"));
+    assert_eq!(
+        found["command"],
+        "onescan fit small.3dmm astronaut.png --landmarks astronaut.tlms -o fit --seed 7"
+    );
+    for name in ["mask.png", "behind.png", "overlay.png"] {
+        assert!(photo::read(&place.path().join("fit").join(name)).is_ok(), "{name}");
+    }
+    let fewer = fit(place.path(), "fewer", "--shape-rank 5 --albedo-rank 0");
+    assert_eq!(fewer["parameters"]["shape"].as_array().unwrap().len(), 5);
+    assert_eq!(fewer["parameters"]["albedo"].as_array().unwrap().len(), 0);
+    let command = fewer["command"].as_str().unwrap();
+    assert!(command.ends_with("--seed 7 --shape-rank 5 --albedo-rank 0"), "{command}");
+}
+
+#[test]
+fn what_a_mask_hides_is_no_face() {
+    let place = tempdir().unwrap();
+    let marks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
+    let lips = marks.landmarks.iter().filter(|l| l.id.contains("lips"));
+    let lips: Vec<[u32; 2]> = lips.map(|l| [l.x as u32, l.y as u32]).collect();
+    let near = |x: u32, y: u32| lips.iter().any(|&[u, v]| u.abs_diff(x) < 9 && v.abs_diff(y) < 9);
+    let mask = Picture::from_fn(512, 512, |x, y| if near(x, y) { [0; 3] } else { [255; 3] });
+    mask.write_png(&place.path().join("hidden.png")).unwrap();
+    let found = fit(place.path(), "fit", "--mask hidden.png");
+    let command = found["command"].as_str().unwrap();
+    assert!(command.ends_with("--seed 7 --mask hidden.png"), "{command}");
+    let shown = photo::read(&place.path().join("fit/mask.png")).unwrap();
+    let crop: Crop = serde_json::from_value(found["image"]["crop"].clone()).unwrap();
+    let scale = f64::from(shown.width) / f64::from(crop.size[0]);
+    for [x, y] in lips {
+        let at = [x, y].map(f64::from);
+        let [x, y] = [0, 1].map(|i| ((at[i] - f64::from(crop.origin[i]) + 0.5) * scale) as u32);
+        assert_eq!(shown.pixel(x, y), Some([0; 3]), "{at:?}");
+    }
+    let seen = shown.rgb.iter().filter(|pixel| pixel[0] > 200).count();
+    assert!(seen > shown.rgb.len() / 30, "{seen}");
+}
+
+#[test]
+fn a_wrong_landmark_is_named_and_does_little() {
+    let place = tempdir().unwrap();
+    let text = fs::read_to_string(fixtures().join("photos/astronaut.tlms")).unwrap();
+    let line = text.lines().find(|line| line.starts_with("center.nose.tip ")).unwrap();
+    let wrong = text.replace(line, "center.nose.tip 1 450 480");
+    fs::write(place.path().join("wrong.tlms"), wrong).unwrap();
+    let line = "fit @golden/small.3dmm @photos/astronaut.png --landmarks wrong.tlms -o wrong";
+    Onescan::new(place.path(), line).succeed();
+    let wrong = json(&place.path().join("wrong/fit.json"));
+    let right = fit(place.path(), "right", "");
+    let far = |fit: &Value| -> Vec<String> {
+        let landmarks = fit["landmarks"].as_array().unwrap();
+        let far = landmarks.iter().filter(|l| l["far"] == true);
+        far.map(|l| l["name"].as_str().unwrap().into()).collect()
+    };
+    assert_eq!((far(&wrong), far(&right)), (vec!["center.nose.tip".into()], vec![]));
+    let warned = wrong["warnings"][0].as_str().unwrap();
+    assert!(warned.starts_with("landmark center.nose.tip is "), "{warned}");
+    assert_eq!(right["warnings"].as_array().unwrap().len(), 0);
+    let yaw = |fit: &Value| fit["parameters"]["pose"]["yaw"].as_f64().unwrap();
+    assert!((yaw(&wrong) - yaw(&right)).abs() < 0.1, "{} {}", yaw(&wrong), yaw(&right));
+    let report = fs::read_to_string(place.path().join("wrong/report.html")).unwrap();
+    assert!(report.contains("center.nose.tip is "));
+    assert!(photo::read(&place.path().join("wrong/landmarks.png")).is_ok());
+}
+
+#[test]
+fn a_photo_upside_down_is_a_photo() {
+    let place = tempdir().unwrap();
+    let mut photo = photo::read(&fixtures().join("photos/astronaut.png")).unwrap();
+    photo.rgb.reverse();
+    photo.write_png(&place.path().join("down.png")).unwrap();
+    let mut marks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
+    for l in &mut marks.landmarks {
+        (l.x, l.y) = (511.0 - l.x, 511.0 - l.y);
+    }
+    fs::write(place.path().join("down.tlms"), marks.to_text()).unwrap();
+    let line = "fit @golden/small.3dmm down.png --landmarks down.tlms -o down";
+    Onescan::new(place.path(), line).succeed();
+    let (down, up) = (json(&place.path().join("down/fit.json")), fit(place.path(), "up", ""));
+    let error = |fit: &Value| fit["pixel_rmse"]["best"].as_f64().unwrap();
+    assert!(error(&down) < 1.2 * error(&up), "{} {}", error(&down), error(&up));
+    assert_eq!(down["warnings"].as_array().unwrap().len(), 0);
+}
+
+#[test]
+fn a_chain_says_how_to_repeat_it() {
+    let place = tempdir().unwrap();
+    let steps = "--landmark-samples 20 --samples 30";
+    for schedule in ["paper", "sampler"] {
+        let arguments = format!("--schedule {schedule} {steps} --shape-rank 3");
+        let command = fit(place.path(), "fit", &arguments)["command"].to_string();
+        let expected = format!("--schedule {schedule} --samples 30 --landmark-samples 20 --shape");
+        assert!(command.contains(&expected), "{command}");
+    }
+}
+
+#[test]
 fn a_model_goes_through_other_programs_formats() {
     let place = tempdir().unwrap();
     let run = |line: &str| Onescan::new(place.path(), line).succeed();
@@ -247,7 +358,7 @@ impl Interrupted {
 
 #[test]
 fn an_interrupted_fit_goes_on_as_if_nothing_had_been() {
-    let steps = "--landmark-samples 2000 --samples 6000 --chains 2";
+    let steps = "--schedule paper --landmark-samples 2000 --samples 6000 --chains 2";
     let whole_place = tempdir().unwrap();
     let start = Instant::now();
     let whole = fit(whole_place.path(), "fit", steps);

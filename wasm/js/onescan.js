@@ -9,7 +9,7 @@ import init, { Fit as Chain, Model, Photo, Viewer } from './wasm/onescan_wasm.js
 export { Model, Photo, Viewer };
 
 /** @typedef {{ name: string, x: number, y: number, visible?: boolean }} Landmark Pixels of the photo; pixel (x, y) is the point (x, y). */
-/** @typedef {{ seed?: number, samples?: number, landmarkSamples?: number, shapeSamples?: number, landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number, sampler?: boolean }} Settings As the options of `onescan fit`. */
+/** @typedef {{ seed?: number, samples?: number, landmarkSamples?: number, shapeSamples?: number, landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number, sampler?: boolean }} Settings As the options of `onescan fit --schedule paper`, or `sampler`. */
 /** @typedef {{ done: number, total: number, stage: 'landmarks' | 'shape' | 'image', seconds: number, stepsPerSecond: number, fingerprint: string }} Progress Speed is that of the image stage, once it has begun. */
 /** @typedef {{ name: string, bytes: Uint8Array<ArrayBuffer> }} SavedFile */
 /** @typedef {import('./wasm/onescan_wasm.js').Fitted} Fitted */

@@ -4,7 +4,7 @@ use crate::{File, Model, Opened, Photo, Pixels};
 use onescan::error::{Error, Result};
 use onescan::fit::output::{self, Names};
 use onescan::fit::summary::{Summary, hex};
-use onescan::fit::{Job, Observed, Running};
+use onescan::fit::{Job, Observed, Running, Schedule};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
@@ -78,6 +78,8 @@ impl Inputs {
             photo: &self.photo,
             landmarks: &self.landmarks,
             crop: self.crop,
+            mask: None,
+            schedule: if self.config.search { Schedule::Paper } else { Schedule::Sampler },
             config: self.config.clone(),
             seed: self.seed,
             chains: 1,
@@ -214,7 +216,7 @@ impl Fit {
         let fit = fit.ok_or_else(|| JsError::new("no chain ran"))?;
         let stem = image.rsplit_once('.').map_or(&*image, |(stem, _)| stem);
         let landmarks = format!("{stem}.tlms");
-        let names = Names { model, image, landmarks: landmarks.clone() };
+        let names = Names { model, image, landmarks: landmarks.clone(), mask: None };
         let finished = output::finish(&job, &fit, names)?;
         let mut files: Vec<_> = output::files(&finished)?
             .into_iter()

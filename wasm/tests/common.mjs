@@ -27,7 +27,7 @@ export const model = () => gunzipSync(readFileSync(join(DIST, 'face.3dmm.gz')));
 export function native(modelFile, photo, options = []) {
   const out = join(OUT, `native-${photo}`);
   const landmarks = join(PHOTOS, photo.replace(/\.\w+$/, '.tlms'));
-  const fit = ['--quiet', 'fit', modelFile, join(PHOTOS, photo), '--landmarks', landmarks, '-o', out];
+  const fit = ['--quiet', 'fit', modelFile, join(PHOTOS, photo), '--landmarks', landmarks, '--schedule', 'paper', '-o', out];
   execFileSync(ONESCAN, [...fit, ...options], { stdio: 'inherit' });
   return JSON.parse(readFileSync(join(out, 'fit.json'), 'utf8'));
 }

@@ -31,7 +31,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 pub(crate) enum Case {
     /// That of tests/case: made for a microcontroller, and for its settings.
     Small,
-    /// A default fit of a full-size model.
+    /// A default chain of a full-size model.
     Full,
 }
 

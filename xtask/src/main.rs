@@ -92,7 +92,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "synthetic",
-        usage: "synthetic",
+        usage: "synthetic [--schedule NAME]",
         about: "fits faces of known truth and rewrites the table in docs/synthetic.md",
         run: synthetic::run,
     },

@@ -2,19 +2,22 @@
 //!
 //! The pixels around a covered pixel `p` show the face, `N(colour, σ²)`, or something before it,
 //! distributed as the picture outside the face is (Egger et al. 2018; the paper's supplement). With
-//! `ℓ = ln N − ln background` and `L` its mean over the neighbours by a Gaussian `G`, since what
-//! hides a face is larger than a pixel,
+//! `ℓ = ln N − ln background` and `L = G(ωℓ)/Gω` its mean over the neighbours by a Gaussian `G`,
+//! since what hides a face is larger than a pixel,
 //!
-//! `E = −N/|C| · 1/patch · Σ_{p ∈ C} ln[(1 − ε_p) exp L_p + ε_p]`,
+//! `E = −N/Σω · 1/patch · Σ_p ω_p ln[(1 − ε_p) exp L_p + ε_p]`
 //!
-//! summed over the covered pixels `C`; `N` is how many the landmarks' pose covers, so that to cover
-//! fewer is no gain. Its derivative weighs a pixel's squared difference by its neighbours' mask:
+//! over the covered pixels. `ω` is what a pixel has to say: nothing where the caller knows that the
+//! face is hidden, and less where the surface is seen from the side, so that pixels come and go
+//! quietly at the outline. `N` is what `Σω` is by the landmarks' pose: to cover less is no gain.
+//! The derivative weighs a pixel's squared difference by its neighbours' mask:
 //!
-//! `m_p = (1 − ε_p) exp L_p / ((1 − ε_p) exp L_p + ε_p)`, `w = Gᵀ(m / G1) · N/|C|`.
+//! `m_p = (1 − ε_p) exp L_p / [(1 − ε_p) exp L_p + ε_p]`, `w = N/Σω · ω G(ωm/Gω)`.
 //!
 //! A lone pixel may show anything: `ℓ` is `ln(exp ℓ + exp −HOPELESS)`, and `w` times the first
 //! summand's share.
 
+use super::occlusion::mapped;
 use super::picture;
 use super::shading::Shading;
 use super::state::{ModeSearch, Planes};
@@ -27,10 +30,12 @@ use crate::render::rasterize::Hit;
 use crate::scene::Scene;
 
 /// Standard deviation, pixels, over which neighbouring pixels are judged together whether they show
-/// the face: some 50 pixels, the order of the patch that shares one error.
+/// the face: some hundred pixels, the order of the patch that shares one error.
 const COHERENCE: f32 = 3.0;
 /// Log of the odds against the face, at most, that one pixel's colour can be.
 const HOPELESS: f64 = 12.0;
+/// Cosine of the angle to the line of sight from which on a surface has its full say.
+const FACING: f32 = 0.3;
 
 impl ModeSearch<'_, '_> {
     /// The background is what the picture holds outside of where the landmarks put the face.
@@ -58,52 +63,55 @@ impl ModeSearch<'_, '_> {
     pub(super) fn compare(&mut self, scene: &Scene) -> f64 {
         let width = self.problem.image.width as usize;
         let covered = self.compare_pixels(scene);
-        let [ratios, near] = &mut self.planes.scratch;
-        picture::blur(ratios, self.planes.weights, width, COHERENCE);
-        picture::blur(near, self.planes.weights, width, COHERENCE);
-        self.planes.weights.fill(0.0);
-        let (mut sum, mut visible) = (0.0, 0.0);
+        let Planes { scratch: [ratios, near, spare], .. } = &mut self.planes;
+        picture::blur(ratios, spare, width, COHERENCE);
+        picture::blur(near, spare, width, COHERENCE);
+        let (mut sum, mut says, mut visible) = (0.0, 0.0, 0.0);
         for y in self.frame.rows() {
-            let (mut row, mut row_visible) = (0.0, 0.0);
+            let (mut row, mut row_says, mut row_visible) = (0.0, 0.0, 0.0);
             for x in self.frame.columns() {
                 let Some(hit) = self.frame.hit(x, y) else { continue };
                 let index = y * width + x;
                 let hidden = f64::from(self.hidden(&hit));
-                let [ratios, near] = &mut self.planes.scratch;
-                let near = at(near, index).max(1e-6);
-                let ratio = f64::from(at(ratios, index) / near);
+                let Planes { weights, scratch: [ratios, near, _], .. } = &mut self.planes;
+                let say = at(weights, index);
+                let around = at(near, index).max(1e-6);
+                let ratio = f64::from(at(ratios, index) / around);
                 // Something else against the face.
                 let odds = hidden / (1.0 - hidden) * math::exp(-ratio);
-                row += ratio + math::ln((1.0 - hidden) * (1.0 + odds));
                 let mask = (1.0 / (1.0 + odds)) as f32;
+                row += f64::from(say) * (ratio + math::ln((1.0 - hidden) * (1.0 + odds)));
+                row_says += say;
+                set(near, index, say * mask / around);
+                let mask = mask * self.options.open_at(index);
                 row_visible += mask;
                 set(ratios, index, mask);
-                set(self.planes.weights, index, mask / near);
             }
             sum += row;
+            says += row_says;
             visible += row_visible;
         }
-        if covered == 0 {
+        if !(says > 0.0) {
             return f64::INFINITY;
         }
-        if self.expected == 0 {
-            self.expected = covered;
+        if self.expected == 0.0 {
+            self.expected = says;
         }
         self.seen = (covered, visible);
-        let share = self.expected as f32 / covered as f32;
-        let Planes { mask, weights, scratch: [masks, scratch], .. } = &mut self.planes;
-        picture::blur(weights, scratch, width, COHERENCE);
-        for (weight, share_of_face) in weights.iter_mut().zip(&**mask) {
-            *weight *= share_of_face * share;
-        }
-        for (mask, visible) in mask.iter_mut().zip(&**masks) {
+        let share = self.expected / says;
+        let Planes { mask, weights, scratch: [masks, near, spare], .. } = &mut self.planes;
+        picture::blur(near, spare, width, COHERENCE);
+        for ((weight, mask), (near, visible)) in
+            weights.iter_mut().zip(mask.iter_mut()).zip(near.iter().zip(&**masks))
+        {
+            *weight *= near * *mask * share;
             *mask = if *mask > 0.0 { *visible } else { 0.0 };
         }
         -sum * f64::from(share / self.problem.config.pixel_patch)
     }
 
-    /// Fills the scratch planes with the covered pixels' log ratios and with ones, and the mask with
-    /// the share of the face in them; gives the number of covered pixels.
+    /// Fills the weights with what the covered pixels have to say, the mask with the share of the
+    /// face in it, and two scratch planes with `ωℓ` and `ω`; gives the number of covered pixels.
     fn compare_pixels(&mut self, scene: &Scene) -> usize {
         let width = self.problem.image.width as usize;
         let sd = self.sd();
@@ -111,8 +119,8 @@ impl ModeSearch<'_, '_> {
         let normaliser = ln_normaliser(f64::from(sd)) as f32;
         let shading = Shading::new(scene);
         let occlusion = self.options.occlusion;
-        let Planes { mask, scratch: [ratios, ones], .. } = &mut self.planes;
-        for plane in [&mut **mask, ratios, ones] {
+        let Planes { mask, weights, scratch: [ratios, near, _], .. } = &mut self.planes;
+        for plane in [mask, weights, ratios, near] {
             plane.fill(0.0);
         }
         let mut covered = 0;
@@ -125,9 +133,12 @@ impl ModeSearch<'_, '_> {
                 let face = normaliser - k * dot(difference, difference);
                 let ratio = f64::from(face - at(self.planes.ln_background, index));
                 let anything = if occlusion { math::exp(-HOPELESS - ratio) } else { 0.0 };
-                let Planes { mask, scratch: [ratios, ones], .. } = &mut self.planes;
-                set(ratios, index, (ratio + math::ln(1.0 + anything)) as f32);
-                set(ones, index, 1.0);
+                let facing = shading.facing(&point) * (1.0 / FACING);
+                let say = self.options.open_at(index) * facing.clamp(0.0, 1.0);
+                let Planes { mask, weights, scratch: [ratios, near, _], .. } = &mut self.planes;
+                set(ratios, index, say * (ratio + math::ln(1.0 + anything)) as f32);
+                set(near, index, say);
+                set(weights, index, say);
                 // Never nought: that is where nothing is covered.
                 set(mask, index, ((1.0 / (1.0 + anything)) as f32).max(f32::MIN_POSITIVE));
                 covered += 1;
@@ -143,8 +154,12 @@ impl ModeSearch<'_, '_> {
         }
         let model = self.problem.model;
         let Some(corners) = model.triangles.get(hit.triangle) else { return 0.5 };
+        let corners = corners.map(|v| v as usize);
         let [second, third] = hit.weights;
-        let [a, b, c] = corners.map(|v| model.shape.mean_at(v as usize));
+        if let Some(map) = model.occlusion() {
+            return mapped(map, corners, [1.0 - second - third, second, third]);
+        }
+        let [a, b, c] = corners.map(|v| model.shape.mean_at(v));
         let place = add(add(scale(a, 1.0 - second - third), scale(b, second)), scale(c, third));
         self.hiding.at(place)
     }

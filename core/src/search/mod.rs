@@ -33,6 +33,7 @@ mod window;
 use crate::chain::{ChainError, Problem};
 use crate::least_squares::System;
 use crate::scene::Scene;
+use core::f32::consts::{FRAC_PI_2, PI};
 pub use curvature::SAMPLES;
 use shading::Shading;
 pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words};
@@ -41,6 +42,8 @@ use unknowns::{Layout, advance};
 
 /// Iterations on the landmarks alone, for the pose.
 const POSE_ITERATIONS: u32 = 40;
+/// Rolls to begin with, radians.
+const WAYS_UP: [f32; 4] = [0.0, FRAC_PI_2, PI, -FRAC_PI_2];
 /// Decrease of `E` below which a step counts as none.
 const STILL: f64 = 0.05;
 /// Steps in a row that count as none before the search has converged.
@@ -69,13 +72,17 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     /// Checks the problem, finds the pose by the landmarks and is ready to look at the picture.
     ///
     /// # Errors
-    /// Whatever in the problem does not fit together, see [`ChainError`].
+    /// Whatever in the problem does not fit together, see [`ChainError`]; [`Options::open`] of
+    /// another size than the picture.
     pub fn new(
         problem: Problem<'a>,
-        options: Options,
+        options: Options<'a>,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
         let observed = problem.check()?;
+        if options.open.is_some_and(|open| open.len() != problem.image.pixels.len()) {
+            return Err(ChainError::Image);
+        }
         let needed = words(&problem);
         let error = ChainError::Memory { needed, found: memory.len() };
         if memory.len() < needed {
@@ -98,12 +105,31 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.finest() && (self.still >= PATIENCE || self.iteration >= self.level().iterations)
     }
 
-    /// Pose and camera by the landmarks, the shape being the mean.
+    /// Pose and camera by the landmarks, the shape being the mean: upright, unless begun on a side
+    /// or upside down they explain the landmarks better.
     #[inline(never)]
     fn find_pose(&mut self) {
+        let mut best: Option<(f64, Scene)> = None;
+        for roll in WAYS_UP {
+            let (energy, scene) = self.find_pose_from(roll);
+            if best.as_ref().is_none_or(|(least, _)| energy < least - 1.0) {
+                best = Some((energy, scene));
+            }
+        }
+        let Some((_, scene)) = best else { return };
+        (self.scene.pose, self.scene.camera) = (scene.pose, scene.camera);
+        self.rendered = false;
+        self.initial.clone_from(&self.scene);
+        self.energy.landmarks = self.landmark_energy(&self.scene);
+        self.energy.prior = self.priors().energy(&self.scene);
+    }
+
+    /// The same from a face turned by `roll`, and its energy.
+    fn find_pose_from(&mut self, roll: f32) -> (f64, Scene) {
         let [width, height] = self.scene.camera.image_size;
         // Without coefficients there are few unknowns; nothing here pulls on light and colour.
         let mut scene = Scene::initial(width, height, 0, 0);
+        scene.pose.roll = roll;
         let energy = |scene: &Scene, search: &Self| {
             search.landmark_energy(scene) + search.priors().energy(scene)
         };
@@ -118,11 +144,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
                 damping *= 5.0;
             }
         }
-        (self.scene.pose, self.scene.camera) = (scene.pose, scene.camera);
-        self.rendered = false;
-        self.initial.clone_from(&self.scene);
-        self.energy.landmarks = self.landmark_energy(&self.scene);
-        self.energy.prior = self.priors().energy(&self.scene);
+        (energy(&scene, self), scene)
     }
 
     /// Goes a step of the pose, of a scene without coefficients.

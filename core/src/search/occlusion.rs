@@ -1,9 +1,9 @@
 //! Where a face is likely to be hidden, before the picture is seen.
 //!
-//! A point of the face is hidden with probability ε: hardly within the face, mostly above the
-//! brows and at the sides, where hair is.
+//! A point of the face is hidden with probability ε: that of the model's map, or, if it has none,
+//! hardly within the face, mostly above the brows and at the sides, where hair is.
 
-use super::vector::Vec3;
+use super::vector::{Vec3, dot};
 use crate::math;
 use crate::model::Model;
 
@@ -17,6 +17,8 @@ const ABOVE_BROWS: [f32; 2] = [5.0, 15.0];
 const SIDEWAYS: [f32; 2] = [1.31, 0.27];
 /// ε of a model without these landmarks.
 const ANYWHERE: f32 = 0.1;
+/// The nearest to 0 and 1 that a map's ε comes: the photo may always say otherwise.
+const SURE: f32 = 0.002;
 
 /// Prior probability that a point is hidden, by its place on the mean face.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +54,12 @@ impl Hiding {
     }
 }
 
+/// ε of a model's map at a point of a triangle; 0.5 of one it does not have.
+pub(super) fn mapped(map: &[u8], corners: [usize; 3], weights: Vec3) -> f32 {
+    let at = |v: usize| map.get(v).map_or(0.5, |&e| f32::from(e) / 255.0);
+    dot(corners.map(at), weights).clamp(SURE, 1.0 - SURE)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,5 +75,13 @@ mod tests {
         let between = face.at([0.0, 52.5, 50.0]);
         assert!((between - 0.5 * (INSIDE + HAIR)).abs() < 1e-6, "{between}");
         assert_eq!(Hiding { face: None }.at([0.0, 200.0, 0.0]), ANYWHERE);
+    }
+
+    #[test]
+    fn a_map_is_interpolated_and_never_quite_sure() {
+        let map = [0, 255, 102];
+        assert_eq!(mapped(&map, [0, 1, 2], [0.5, 0.25, 0.25]), 0.25 + 0.25 * 0.4);
+        assert_eq!(mapped(&map, [0, 0, 0], [1.0, 0.0, 0.0]), SURE);
+        assert_eq!(mapped(&map, [1, 1, 1], [1.0, 0.0, 0.0]), 1.0 - SURE);
     }
 }

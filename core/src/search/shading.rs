@@ -85,6 +85,12 @@ impl Shading {
         Point { weights, normals, albedos, normal, inverse_length, albedo, radiance, color }
     }
 
+    /// Cosine of a point's normal and the direction from which it is seen, or nearly so.
+    #[inline(always)]
+    pub(super) fn facing(&self, point: &Point) -> f32 {
+        dot(self.rotation[2], point.normal)
+    }
+
     /// Passes `∂E/∂c` back.
     #[inline(always)]
     pub(super) fn adjoint(&self, point: &Point, gradient: Vec3) -> Adjoint {

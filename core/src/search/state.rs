@@ -34,16 +34,26 @@ pub const LEVELS: [Level; 4] = [
 ];
 /// What a search needs to know besides the problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct Options<'a> {
     /// Priors that only the search uses.
     pub widths: Widths,
     /// Whether pixels may show something else than the face.
     pub occlusion: bool,
+    /// Where the face may be seen, if that is known: 255 of a pixel that may show it, 0 of one that
+    /// cannot, in between a part of its weight; row by row, as many as the picture has.
+    pub open: Option<&'a [u8]>,
 }
 
-impl Default for Options {
+impl Default for Options<'_> {
     fn default() -> Self {
-        Self { widths: Widths::default(), occlusion: true }
+        Self { widths: Widths::default(), occlusion: true, open: None }
+    }
+}
+
+impl Options<'_> {
+    /// How much a pixel may show the face, 0 to 1.
+    pub(super) fn open_at(&self, index: usize) -> f32 {
+        self.open.map_or(1.0, |open| f32::from(open.get(index).copied().unwrap_or(0)) / 255.0)
     }
 }
 
@@ -63,7 +73,7 @@ pub fn words(problem: &Problem<'_>) -> usize {
         + equations_words(n)
         + matrix_words(n)
         + 5 * n;
-    8 * pixels + rest
+    9 * pixels + rest
 }
 
 /// Words of copies of both bases, which cost memory and save time.
@@ -106,7 +116,7 @@ pub(super) struct Planes<'w> {
     pub(super) mask: &'w mut [f32],
     /// What a pixel's squared difference counts, in units of [`ModeSearch::pixel_weight`].
     pub(super) weights: &'w mut [f32],
-    pub(super) scratch: [&'w mut [f32]; 2],
+    pub(super) scratch: [&'w mut [f32]; 3],
 }
 
 /// Of every vertex, what it costs to change it.
@@ -120,7 +130,7 @@ pub(super) struct Costs<'w> {
 /// A running search.
 pub struct ModeSearch<'a, 'w> {
     pub(super) problem: Problem<'a>,
-    pub(super) options: Options,
+    pub(super) options: Options<'a>,
     pub(super) hiding: Hiding,
     pub(super) layout: Layout,
     pub(super) scene: Scene,
@@ -151,8 +161,8 @@ pub struct ModeSearch<'a, 'w> {
     pub(super) still: u32,
     /// Covered pixels, and the sum of the mask.
     pub(super) seen: (usize, f32),
-    /// Pixels that the face covers by the landmarks alone.
-    pub(super) expected: usize,
+    /// What the pixels that the face covers by the landmarks alone have to say.
+    pub(super) expected: f32,
     /// Whether energy, mask and weights are the scene's at this level.
     pub(super) judged: bool,
     pub(super) energy: Energy,
@@ -163,7 +173,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     #[inline(never)]
     pub(super) fn carve(
         problem: Problem<'a>,
-        options: Options,
+        options: Options<'a>,
         observed: &[(u32, [f32; 2])],
         memory: &'w mut [u32],
     ) -> Option<Self> {
@@ -179,7 +189,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             ln_background: plane()?,
             mask: plane()?,
             weights: plane()?,
-            scratch: [plane()?, plane()?],
+            scratch: [plane()?, plane()?, plane()?],
         };
         let frame = Frame::carve(&mut carver, d.width, d.height)?;
         let surface = Surface::carve(&mut carver, model)?;
@@ -223,7 +233,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             iterations: 0,
             still: 0,
             seen: (0, 0.0),
-            expected: 0,
+            expected: 0.0,
             judged: false,
             energy: Energy::default(),
         })

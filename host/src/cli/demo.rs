@@ -8,12 +8,11 @@ use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::fit::output::{self, Finished, Names};
 use onescan::fit::summary::DemoSummary;
-use onescan::fit::{Ending, Job};
+use onescan::fit::{Ending, Job, Schedule};
 use onescan::photo::Crop;
 use onescan::photo::picture::{Picture, contact_sheet};
 use onescan::progress::Console;
 use onescan::{render, report};
-use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use std::io::Write;
@@ -22,7 +21,7 @@ use std::sync::atomic::AtomicBool;
 
 /// Build the built-in face model, fit it to three photos, write a report with pictures.
 ///
-/// Takes about a quarter of a minute. The directory then holds the model, each photo with its
+/// Takes about half a minute. The directory then holds the model, each photo with its
 /// landmarks and its fit, summary.json and report.html.
 #[derive(Args)]
 pub(super) struct Demo {
@@ -76,18 +75,24 @@ impl Demo {
                     Crop::ENLARGE,
                     Crop::LONGER_SIDE,
                 )?,
-                config: Config::default(),
+                mask: None,
+                schedule: Schedule::Mode,
+                config: Schedule::Mode.config(&model),
                 seed: self.seed,
                 chains: 1,
             };
-            let task = console.task(subject.name, job.config.steps());
+            let task = console.task(subject.name, job.steps());
             let Ending::Done(fit) =
                 watch(&AtomicBool::new(false), task, |control| job.run(None, control))?
             else {
                 return Err(Error::new("the fit was stopped"));
             };
-            let names =
-                Names { model: "face.3dmm".into(), image: subject.file.into(), landmarks: tlms };
+            let names = Names {
+                model: "face.3dmm".into(),
+                image: subject.file.into(),
+                landmarks: tlms,
+                mask: None,
+            };
             let result = output::finish(&job, &fit, names)?;
             output::write(&directory, &result)?;
             console.say(output::closing_line(&result.summary));

@@ -6,6 +6,7 @@ use onescan::error::{Error, Result};
 use onescan::experiment::objects::animals::{Animal, Kind};
 use onescan::experiment::{compactness, decomposition, kernels, objects};
 use onescan::files::write_atomically;
+use onescan::fit::Schedule;
 use onescan::mesh::Axis;
 use onescan::mesh::landmarks;
 use onescan::mesh::landmarks::Landmark;
@@ -138,6 +139,9 @@ struct Object {
     /// Pictures to fit.
     #[arg(short = 'n', long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     pictures: u32,
+    /// How to fit them, see `onescan fit`.
+    #[arg(long, value_enum, default_value_t = Schedule::Paper)]
+    schedule: Schedule,
     /// Seed of animals, scenes and fits.
     #[arg(long, default_value_t = 7)]
     seed: u64,
@@ -170,11 +174,15 @@ impl Object {
         let template = ply::read(&place.join("template.ply"))?;
         let landmarks = landmarks::read(&place.join("landmarks.json"), &template.points, 1.0)?;
         let mut task = console.task("models", 1000);
-        let pictures = self.pictures as usize;
-        let result =
-            objects::run(kind, &template, &landmarks, pictures, self.seed, &mut |done, what| {
-                task.report(done, what);
-            })?;
+        let result = objects::run(
+            kind,
+            &template,
+            &landmarks,
+            self.pictures as usize,
+            self.schedule,
+            self.seed,
+            &mut |done, what| task.report(done, what),
+        )?;
         task.finish();
         for (name, picture) in result.sheets() {
             picture.write_png(&output.join(name))?;

@@ -6,13 +6,15 @@ use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::fit::checkpoint::Save;
 use onescan::fit::output::{self, Names};
-use onescan::fit::{self, Control, Ending, Job};
+use onescan::fit::{self, Control, Ending, Job, Schedule};
 use onescan::interchange;
+use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
 use onescan::progress::Console;
 use onescan::report;
 use onescan_core::chain::Config;
+use onescan_core::model::Model;
 use onescan_core::scene::MAX_RANK;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -22,9 +24,19 @@ use std::time::Duration;
 
 /// Fit a model to a photo with landmarks.
 ///
-/// Writes fit.json, fit.rps, mesh.ply, mesh.glb, overlay.png, photo.png and report.html to the
-/// output directory. Ctrl-C saves a checkpoint there; --resume goes on from it, with the same
-/// result as without the interruption.
+/// Searches for the mode of the posterior of pose, camera, light, colour, shape and albedo: some
+/// thirty steps on everything at once, each with a mask of what hides the face. Or, with --schedule
+/// paper or sampler, runs a chain.
+///
+/// Writes to the output directory: report.html, overlay.png and photo.png (the model on the photo),
+/// landmarks.png, mesh.ply and mesh.glb, fit.json and fit.rps (all parameters); of a search mask.png
+/// (white: the face is seen) and behind.png (the model behind what hides it) as well.
+///
+/// Landmarks are in pixels of the photo, y down, left the subject's left. Those far from where the
+/// fit has them are named; a search bears a wrong one or two.
+///
+/// Ctrl-C on a chain saves a checkpoint there; --resume goes on from it, with the same result as
+/// without the interruption. A search takes seconds and is made again.
 #[derive(Args)]
 pub(super) struct Fit {
     /// The model, with landmarks: .3dmm, .h5 or .h5.json.
@@ -37,31 +49,25 @@ pub(super) struct Fit {
     /// Directory to write to.
     #[arg(short, long)]
     output: PathBuf,
+    /// What hides the face in the photo: a picture of the photo's size, PNG or JPEG, black where the
+    /// face cannot be seen (a hand, a microphone), white where it may. Hair and glasses need none.
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
+    /// How to fit.
+    #[arg(long, value_enum, default_value_t)]
+    schedule: Schedule,
     /// Seed of all randomness.
     #[arg(long, default_value_t = 7)]
     seed: u64,
-    /// Steps of the image stage.
-    #[arg(long, default_value_t = 5000)]
-    samples: u32,
-    /// Steps of the landmark stage before it.
-    #[arg(long, default_value_t = 5000)]
-    landmark_samples: u32,
-    /// Steps between them, of pose and shape by the landmarks: for an object whose template is far
-    /// from what the photo shows.
-    #[arg(long, default_value_t = 0)]
-    shape_samples: u32,
     /// How exact landmarks are: standard deviation, pixels of the picture the fit looks at.
     #[arg(long, default_value_t = Config::default().landmark_sd, value_parser = deviation)]
     landmark_sd: f32,
-    /// Shape coefficients to infer.
-    #[arg(long, default_value_t = 50, value_parser = rank())]
-    shape_rank: u32,
-    /// Albedo coefficients to infer.
-    #[arg(long, default_value_t = 50, value_parser = rank())]
-    albedo_rank: u32,
-    /// Independent chains, run in parallel; the best state of all is kept.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
-    chains: u32,
+    /// Shape coefficients to infer, the leading ones [default: all of the model; of a chain 50].
+    #[arg(long, value_parser = rank())]
+    shape_rank: Option<u32>,
+    /// Albedo coefficients to infer, likewise.
+    #[arg(long, value_parser = rank())]
+    albedo_rank: Option<u32>,
     /// Side of the picture the fit looks at: the face is cut out and scaled to it.
     #[arg(long, default_value_t = Crop::LONGER_SIDE, value_parser = clap::value_parser!(u32).range(32..=2048))]
     size: u32,
@@ -69,25 +75,46 @@ pub(super) struct Fit {
     /// engine does.
     #[arg(long, default_value_t = Config::default().pixel_patch, value_parser = at_least_one)]
     pixel_patch: f32,
-    /// Use no search moves: the chain is then a sampler of the posterior, and slower to get there.
+    #[command(flatten)]
+    chain: ChainOptions,
+}
+
+/// What only a chain has use for.
+#[derive(Args)]
+#[command(next_help_heading = "With --schedule paper or sampler")]
+struct ChainOptions {
+    /// Steps of the image stage [default: 5000].
     #[arg(long)]
-    sampler: bool,
-    /// How to fit: `paper`, the paper's chain; or `mode`, which searches for the mode of the
-    /// posterior, takes what hides the face for what it is, and also writes mask.png and behind.png.
-    #[arg(long, value_enum, default_value_t = Schedule::Paper)]
-    schedule: Schedule,
+    samples: Option<u32>,
+    /// Steps of the landmark stage before it [default: 5000].
+    #[arg(long)]
+    landmark_samples: Option<u32>,
+    /// Steps between them, of pose and shape by the landmarks: for an object whose template is far
+    /// from what the photo shows [default: 0].
+    #[arg(long)]
+    shape_samples: Option<u32>,
+    /// Independent chains, run in parallel; the best state of all is kept [default: 1].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=256))]
+    chains: Option<u32>,
     /// Go on from the checkpoint of an interrupted fit with the same arguments.
     #[arg(long)]
     resume: bool,
 }
 
-/// The ways to fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Schedule {
-    /// The paper's: a chain.
-    Paper,
-    /// The mode of the posterior.
-    Mode,
+impl ChainOptions {
+    /// The first of them that was given.
+    fn given(&self) -> Option<&'static str> {
+        let Self { samples, landmark_samples, shape_samples, chains, resume } = self;
+        [
+            ("--samples", samples.is_some()),
+            ("--landmark-samples", landmark_samples.is_some()),
+            ("--shape-samples", shape_samples.is_some()),
+            ("--chains", chains.is_some()),
+            ("--resume", *resume),
+        ]
+        .into_iter()
+        .find_map(|(name, given)| given.then_some(name))
+    }
 }
 
 fn rank() -> clap::builder::RangedI64ValueParser<u32> {
@@ -110,6 +137,18 @@ fn at_least_one(text: &str) -> std::result::Result<f32, String> {
 
 impl Fit {
     pub(super) fn run(self, console: Console) -> Result<()> {
+        if let (Schedule::Mode, Some(option)) = (self.schedule, self.chain.given()) {
+            return Err(Error::new(format_args!(
+                "{option} is for chains, and --schedule mode (the default) runs none; add \
+                 --schedule paper, or leave {option} out"
+            )));
+        }
+        if let (Schedule::Paper | Schedule::Sampler, Some(mask)) = (self.schedule, &self.mask) {
+            return Err(Error::file(
+                mask,
+                "a mask is for --schedule mode; chains take all they cover for the face",
+            ));
+        }
         output_directory(&self.output)?;
         let file = interchange::open(&self.model)?;
         let model = file.view();
@@ -128,30 +167,23 @@ impl Fit {
         landmarks
             .check(photo.width, photo.height, &names)
             .map_err(|e| Error::file(&self.landmarks, e))?;
-        let crop = Crop::around(
-            &landmarks.visible_points(),
-            [photo.width, photo.height],
-            Crop::ENLARGE,
-            self.size,
-        )
-        .map_err(|e| Error::file(&self.landmarks, e))?;
+        let mask = self.mask.as_deref().map(|path| read_mask(path, &photo)).transpose()?;
+        let crop = self
+            .crop(&model, &landmarks, [photo.width, photo.height])
+            .map_err(|e| Error::file(&self.landmarks, e))?;
         let job = Job {
             model: &model,
             photo: &photo,
             landmarks: &landmarks,
             crop,
-            config: self.config(),
+            mask: mask.as_ref(),
+            schedule: self.schedule,
+            config: self.config(&model),
             seed: self.seed,
-            chains: self.chains,
+            chains: self.chain.chains.unwrap_or(1),
         };
         let checkpoint = self.output.join("checkpoint.bin");
-        if self.schedule == Schedule::Mode && (self.resume || self.chains > 1 || self.sampler) {
-            return Err(Error::new(
-                "--schedule mode is no chain: it takes seconds and leaves no checkpoint; fit \
-                 without --resume, --chains and --sampler",
-            ));
-        }
-        let resume = if self.resume { Some(Save::read(&checkpoint)?) } else { None };
+        let resume = if self.chain.resume { Some(Save::read(&checkpoint)?) } else { None };
 
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
@@ -160,17 +192,13 @@ impl Fit {
                 .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
                 .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
         }
-        if self.schedule == Schedule::Mode {
-            let task = console.task("searching", fit::most_steps());
-            let found = watch(&stop, task, |control| job.find_mode(control))?;
-            let fit = found.ok_or_else(|| Error::new("interrupted; nothing was written"))?;
-            return self.write(&job, &fit, model.provenance(), console);
-        }
-        let total = u64::from(self.chains) * job.config.steps();
-        match watch(&stop, console.task("fitting", total), |control| job.run(resume, control))
-            .map_err(|e| if self.resume { Error::file(&checkpoint, e) } else { e })?
+        // What a fit can still be refused for.
+        let culprit = if self.chain.resume { Some(&checkpoint) } else { self.mask.as_ref() };
+        match watch(&stop, console.task("fitting", job.steps()), |control| job.run(resume, control))
+            .map_err(|e| culprit.map_or_else(|| e.clone(), |file| Error::file(file, &e)))?
         {
-            Ending::Stopped(save) => {
+            Ending::Stopped(None) => Err(Error::new("interrupted; nothing was written")),
+            Ending::Stopped(Some(save)) => {
                 let bytes = save.to_bytes()?;
                 write_atomically(&checkpoint, |out| out.write_all(&bytes))?;
                 Err(Error::file(
@@ -197,29 +225,64 @@ impl Fit {
             model: file_name(&self.model),
             image: file_name(&self.image),
             landmarks: file_name(&self.landmarks),
+            mask: self.mask.as_deref().map(file_name),
         };
         let result = output::finish(job, fit, names)?;
         output::write(&self.output, &result)?;
         let page = report::fit_report(&result, provenance)?;
         let report = self.output.join("report.html");
         write_atomically(&report, |out| out.write_all(page.as_bytes()))?;
+        for warning in &result.summary.warnings {
+            console.say(format_args!("warning: {warning}"));
+        }
         console.say(output::closing_line(&result.summary));
         console.say(format_args!("open {}", report.display()));
         Ok(())
     }
 
-    fn config(&self) -> Config {
-        Config::default().with(|config| {
-            config.shape_rank = self.shape_rank as usize;
-            config.albedo_rank = self.albedo_rank as usize;
-            config.landmark_samples = self.landmark_samples;
-            config.shape_samples = self.shape_samples;
-            config.samples = self.samples;
+    /// The part of the photo to look at. A chain, whose landmarks are all believed, looks around
+    /// all.
+    fn crop(&self, model: &Model<'_>, landmarks: &Tlms, photo: [u32; 2]) -> Result<Crop> {
+        let sd = self.landmark_sd;
+        fit::landmarks::check_sides(model, landmarks, photo, self.size, sd)?;
+        match self.schedule {
+            Schedule::Mode => fit::landmarks::crop_around(model, landmarks, photo, self.size, sd),
+            Schedule::Paper | Schedule::Sampler => {
+                Crop::around(&landmarks.visible_points(), photo, Crop::ENLARGE, self.size)
+            }
+        }
+    }
+
+    fn config(&self, model: &Model<'_>) -> Config {
+        let set = |value: &mut u32, given: Option<u32>| *value = given.unwrap_or(*value);
+        let rank = |value: &mut usize, given: Option<u32>| {
+            *value = given.map_or(*value, |rank| rank as usize);
+        };
+        self.schedule.config(model).with(|config| {
+            rank(&mut config.shape_rank, self.shape_rank);
+            rank(&mut config.albedo_rank, self.albedo_rank);
+            set(&mut config.landmark_samples, self.chain.landmark_samples);
+            set(&mut config.shape_samples, self.chain.shape_samples);
+            set(&mut config.samples, self.chain.samples);
             config.landmark_sd = self.landmark_sd;
             config.pixel_patch = self.pixel_patch;
-            config.search = !self.sampler;
         })
     }
+}
+
+/// Reads the mask of a photo.
+fn read_mask(path: &Path, photo: &Picture) -> Result<Picture> {
+    let mask = photo::read(path)?;
+    if (mask.width, mask.height) == (photo.width, photo.height) {
+        return Ok(mask);
+    }
+    Err(Error::file(
+        path,
+        format_args!(
+            "the mask is {}×{}, the photo {}×{}; make it of the photo's size",
+            mask.width, mask.height, photo.width, photo.height
+        ),
+    ))
 }
 
 /// Runs the job and moves the bar meanwhile.

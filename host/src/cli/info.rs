@@ -33,6 +33,7 @@ impl Info {
                 "shape": half_json(&model.shape),
                 "albedo": half_json(&model.albedo),
                 "landmarks": landmarks,
+                "occlusion_map": model.occlusion().is_some(),
                 "checksum": hex(model.checksum()),
                 "provenance": model.provenance(),
             });
@@ -46,6 +47,9 @@ impl Info {
         match names.len() {
             0 => println!("no landmarks"),
             count => println!("{count} landmarks: {}", names.join(", ")),
+        }
+        if model.occlusion().is_some() {
+            println!("an occlusion map: where the surface is likely to be hidden");
         }
         println!("checksum {}", hex(model.checksum()));
         println!("{}", model.provenance().trim_end());

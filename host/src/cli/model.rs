@@ -4,6 +4,7 @@ use super::{file_name, meshes, model_file, output_file, positive, read_model, wr
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
+use onescan::interchange::Format;
 use onescan::mesh::landmarks::{self, Point};
 use onescan::mesh::ply::{self, Encoding};
 use onescan::model::morphable::Morphable;
@@ -40,6 +41,14 @@ pub(super) enum Model {
     /// Covariances add, mean and landmarks are the first model's. So a model learnt from few scans
     /// gets the flexibility of one scan's kernels: build the second model on the first one's mean.
     Augment(Augment),
+    /// Say where the surface is likely to be hidden in photos: by hair, glasses, a beard.
+    ///
+    /// `fit` then starts from that instead of its rule for faces (hair above the brows and at the
+    /// sides). Paint the model's mean (mean.ply of `onescan modes`) black where the surface is
+    /// always seen, white where it is always hidden, grey in between (grey 128 is a chance of one
+    /// half), and give the PLY; or a text file with a number from 0 to 1 for each vertex. Only
+    /// .3dmm carries the map; `region` and `export` keep it in step.
+    Occlusion(Occlusion),
     /// Learn a model from registered meshes: mean and principal components.
     ///
     /// Sample covariance, 1/(n − 1), of shape and of albedo; at most one component fewer than
@@ -136,6 +145,19 @@ pub(super) struct Augment {
 }
 
 #[derive(Args)]
+pub(super) struct Occlusion {
+    /// The model: .3dmm, .h5, .h5.json or .mat.
+    model: PathBuf,
+    /// How likely each vertex is hidden: a mesh of the model's topology, .ply, by its colours; or
+    /// numbers from 0 to 1, a vertex each.
+    #[arg(long)]
+    map: PathBuf,
+    /// The model to write: .3dmm.
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+#[derive(Args)]
 pub(super) struct Pca {
     /// Meshes, PLY, or directories of them: same vertices in the same order, aligned.
     #[arg(required = true)]
@@ -156,6 +178,7 @@ impl Model {
             Self::Region(command) => command.run(console),
             Self::Recentre(command) => command.run(console),
             Self::Augment(command) => command.run(console),
+            Self::Occlusion(command) => command.run(console),
             Self::Pca(command) => command.run(console),
         }
     }
@@ -219,28 +242,40 @@ impl Part {
                 model.around(&self.around, self.radius)
             };
         };
-        let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
-        let mask = text
-            .split_whitespace()
-            .enumerate()
-            .map(|(i, word)| match word {
-                "0" => Ok(false),
-                "1" => Ok(true),
-                other => {
-                    let shown: String = other.chars().take(20).collect();
-                    let what = format_args!("line {}: {shown:?}, expected 0 or 1", i + 1);
-                    Err(Error::file(path, what))
-                }
-            })
-            .collect::<Result<Vec<bool>>>()?;
-        if mask.len() == vertices {
-            return Ok(mask);
-        }
-        Err(Error::file(
-            path,
-            format_args!("has {} lines, the model {vertices} vertices; give one each", mask.len()),
-        ))
+        per_vertex(path, vertices, "0 or 1", |word| match word {
+            "0" => Some(false),
+            "1" => Some(true),
+            _ => None,
+        })
     }
+}
+
+/// The words of a text file, one for each vertex.
+fn per_vertex<T>(
+    path: &Path,
+    vertices: usize,
+    expected: &str,
+    parse: impl Fn(&str) -> Option<T>,
+) -> Result<Vec<T>> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    let values = text
+        .split_whitespace()
+        .enumerate()
+        .map(|(i, word)| {
+            parse(word).ok_or_else(|| {
+                let shown: String = word.chars().take(20).collect();
+                let what = format_args!("line {}: {shown:?}, expected {expected}", i + 1);
+                Error::file(path, what)
+            })
+        })
+        .collect::<Result<Vec<T>>>()?;
+    if values.len() == vertices {
+        return Ok(values);
+    }
+    Err(Error::file(
+        path,
+        format_args!("has {} lines, the model {vertices} vertices; give one each", values.len()),
+    ))
 }
 
 impl Posterior {
@@ -325,6 +360,38 @@ impl Augment {
             model.mean_distance(&other)
         ));
         write(console, &self.output, &both)
+    }
+}
+
+impl Occlusion {
+    fn run(self, console: Console) -> Result<()> {
+        model_file(&self.output)?;
+        if Format::of(&self.output) != Format::ThreeDmm {
+            return Err(Error::file(
+                &self.output,
+                "only .3dmm carries an occlusion map; give .3dmm",
+            ));
+        }
+        let mut model = read_model(console, &self.model)?;
+        let byte = |share: f32| (255.0 * share).round() as u8;
+        let is_mesh = self.map.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply"));
+        let map: Vec<u8> = if is_mesh {
+            let mesh = ply::read(&self.map)?;
+            // Says if the topology differs.
+            model.about(&mesh).map_err(|e| Error::file(&self.map, e))?;
+            mesh.colors.iter().map(|[r, g, b]| byte((r + g + b) / 3.0)).collect()
+        } else {
+            let share = |word: &str| {
+                let value: f32 = word.parse().ok()?;
+                (0.0..=1.0).contains(&value).then(|| byte(value))
+            };
+            per_vertex(&self.map, model.shape.vertices(), "a number from 0 to 1", share)?
+        };
+        let mean = map.iter().map(|&v| f64::from(v)).sum::<f64>() / 255.0 / map.len().max(1) as f64;
+        console.say(format_args!("hidden with probability {mean:.2}, vertices' average"));
+        model.occlusion = Some(map);
+        model.provenance = with_line(&model.provenance, "occlusion_map", &file_name(&self.map));
+        write(console, &self.output, &model)
     }
 }
 

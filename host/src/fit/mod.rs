@@ -1,12 +1,14 @@
 //! Fitting a model to a photo: cut the face out, run the chains, keep the best state.
 
 pub mod checkpoint;
+pub mod landmarks;
 #[cfg(feature = "full")]
 mod mode;
 pub mod output;
 #[cfg(feature = "full")]
 mod parallel;
 pub mod rps;
+mod schedule;
 pub mod summary;
 
 use crate::error::{Error, Result};
@@ -16,19 +18,17 @@ use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
 use summary::ModeFound;
 
-use onescan_core::chain::{Chain, Config, Problem, Quality, Schedule, Stage, State, Step, Tally};
+use onescan_core::chain::{self, Chain, Config, Problem, Quality, Stage, State, Step, Tally};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
-use std::collections::BTreeMap;
 #[cfg(feature = "full")]
-pub use {
-    mode::most_steps,
-    parallel::{Control, Ending},
-};
+pub use parallel::{Control, Ending};
+pub use schedule::Schedule;
+use std::collections::BTreeMap;
 
 /// Points of a likelihood trace.
 const TRACE_POINTS: u32 = 400;
@@ -43,7 +43,12 @@ pub struct Job<'a> {
     pub landmarks: &'a Tlms,
     /// The part of the photo the fit looks at.
     pub crop: Crop,
-    /// How to fit.
+    /// Where the face may be seen, in a search: a picture of the photo's size, white there and
+    /// black where it is hidden.
+    pub mask: Option<&'a Picture>,
+    /// In what way to fit.
+    pub schedule: Schedule,
+    /// How: [`Schedule::config`] with what is to be otherwise.
     pub config: Config,
     /// Seed of all randomness.
     pub seed: u64,
@@ -201,7 +206,7 @@ impl<'a> Observed<'a> {
         let Picture { rgb, width, height } = &self.picture;
         let image = Image { pixels: rgb, width: *width, height: *height };
         Problem::new(model, image, &self.landmarks, config)
-            .with_schedule(Schedule::of(&self.landmarks))
+            .with_schedule(chain::Schedule::of(&self.landmarks))
             .with_engine(engine)
     }
 }

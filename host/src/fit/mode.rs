@@ -10,35 +10,47 @@ use onescan_core::search::{self, ModeSearch, Options};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-/// The most steps of [`Job::find_mode`], for a progress bar.
-pub fn most_steps() -> u64 {
+/// The most steps of a search.
+pub(super) fn most_steps() -> u64 {
     search::LEVELS.iter().map(|level| u64::from(level.iterations)).sum()
 }
 
 impl Job<'_> {
-    /// Searches for the mode on one thread; `None` if [`Control::stop`] was set. Seed and settings
-    /// are the job's, but for its chains and their steps.
+    /// Searches for the mode on one thread; `None` if [`Control::stop`] was set.
     ///
     /// # Errors
-    /// Landmarks the model does not have, a crop that does not fit the photo.
-    pub fn find_mode(&self, control: &Control<'_>) -> Result<Option<Fit>> {
-        let config = self.config.clone().with(|config| {
-            (config.landmark_samples, config.shape_samples, config.samples) = (0, 0, 0);
-        });
+    /// Landmarks the model does not have, a crop that does not fit the photo or its mask, a mask
+    /// that hides the whole face.
+    pub(super) fn find_mode(&self, control: &Control<'_>) -> Result<Option<Fit>> {
         let observed = Observed::new(self.photo, self.landmarks, &self.crop)?;
-        let problem = observed.problem(self.model, &config, simd::best());
+        let problem = observed.problem(self.model, &self.config, simd::best());
         let start = Instant::now();
         let mut memory = vec![0; search::words(&problem)];
-        let mut search =
-            ModeSearch::new(problem, Options::default(), &mut memory).map_err(Error::new)?;
+        let open = self.mask.map(|mask| self.crop.cut(mask)).transpose()?.map(|mask| {
+            let grey =
+                |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;
+            mask.rgb.iter().map(grey).collect::<Vec<u8>>()
+        });
+        let options = Options { open: open.as_deref(), ..Options::default() };
+        let mut search = ModeSearch::new(problem, options, &mut memory).map_err(Error::new)?;
         let (mut trace, mut taken) = (Vec::new(), 0);
+        let mut levels = vec![0; search::LEVELS.len()];
         while let Some(iteration) = search.step() {
             if control.stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
             control.steps.fetch_add(1, Ordering::Relaxed);
             taken += u64::from(iteration.after != iteration.before);
-            trace.push((search.iterations(), -iteration.after.total()));
+            levels[iteration.level] += 1;
+            let step = search.iterations();
+            trace.push((step - 1, -iteration.before.total()));
+            trace.push((step, -iteration.after.total()));
+        }
+        if !search.energy().total().is_finite() {
+            return Err(Error::new(
+                "nothing of the face can be seen: the mask hides all of it; white is where it may \
+                 be seen, black where not",
+            ));
         }
         // It may have converged early.
         control.steps.store(most_steps(), Ordering::Relaxed);
@@ -46,6 +58,7 @@ impl Job<'_> {
         let found = ModeFound {
             converged: search.converged(),
             iterations: search.iterations(),
+            levels,
             posterior: -search.energy().total(),
         };
         let mask = search.mask().to_vec();

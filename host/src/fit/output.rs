@@ -1,18 +1,20 @@
 //! What a fit leaves behind: parameters, meshes and pictures.
 
-use super::{Fit, Job};
+use super::{Fit, Job, Schedule, landmarks};
 use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
 use crate::fit::rps::Rps;
-use crate::fit::summary::{BeforeAfter, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex};
+use crate::fit::summary::{
+    BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex,
+};
 use crate::mesh::Mesh;
 use crate::mesh::glb;
 use crate::mesh::ply::{self, Encoding};
 use crate::photo::Crop;
-use crate::photo::picture::{self, Picture};
+use crate::photo::picture::{self, Picture, Rgb};
 use crate::render;
-use onescan_core::chain::{self, Config};
+use onescan_core::chain;
 use onescan_core::model::Model;
 use onescan_core::scene::Scene;
 use std::fmt::{Display, Write as _};
@@ -24,6 +26,11 @@ const SIDE: u32 = 512;
 /// Yaw of the side views, radians.
 const SIDES: [f32; 2] = [-0.9, 0.9];
 
+/// Colours of landmarks: where they were marked, the same far off, and where the fit has them.
+const MARKED: Rgb = [255, 220, 60];
+const ASTRAY: Rgb = [255, 60, 50];
+const FITTED: Rgb = [70, 200, 255];
+
 /// What the files are called; names only, without directories.
 pub struct Names {
     /// Of the model.
@@ -32,6 +39,8 @@ pub struct Names {
     pub image: String,
     /// Of the landmarks.
     pub landmarks: String,
+    /// Of the mask, if there is one.
+    pub mask: Option<String>,
 }
 
 /// A fit with everything that is shown of it.
@@ -58,6 +67,9 @@ pub struct Pictures {
     pub whole: Picture,
     /// Of a search for the mode.
     pub masked: Option<Masked>,
+    /// The landmarks on the photo, and on the model in it: crosses where they were marked, dots where
+    /// the fit has them; in red those that are far off.
+    pub landmarks: [Picture; 2],
 }
 
 /// Pictures of what hides the face.
@@ -76,9 +88,11 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
     let mut parameters = fit.best.scene.clone();
     parameters.camera = fit.crop.camera_in_photo(&fit.best.scene.camera);
     let config = &job.config;
+    let mesh = render::instance(job.model, &fit.best.scene.shape, &fit.best.scene.albedo);
+    let landmarks = landmarks::compare(job, fit, &mesh.points);
     let summary = Summary {
         onescan: env!("CARGO_PKG_VERSION").into(),
-        command: command(job, fit, &names),
+        command: command(job, &names),
         model: ModelUsed { file: names.model, checksum: hex(job.model.checksum()) },
         image: PhotoUsed {
             file: names.image,
@@ -104,6 +118,8 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
             best: fit.best_quality.pixel_rmse,
         },
         landmark_rmse_px: fit.best_quality.landmark_rmse,
+        warnings: landmarks::warnings(fit, &landmarks),
+        landmarks,
         proposals: fit
             .acceptance
             .iter()
@@ -120,25 +136,28 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
             })
             .collect(),
         trace: fit.trace.clone(),
-        mode: fit.mode.as_ref().map(|mode| mode.found),
+        mode: fit.mode.as_ref().map(|mode| mode.found.clone()),
         parameters,
     };
-    let mesh = render::instance(job.model, &fit.best.scene.shape, &fit.best.scene.albedo);
-    Ok(Finished { mesh, pictures: pictures(job, fit, &summary.parameters)?, summary })
+    Ok(Finished { mesh, pictures: pictures(job, fit, &summary)?, summary })
 }
 
 /// The command that repeats the fit.
-fn command(job: &Job<'_>, fit: &Fit, names: &Names) -> String {
-    let Names { model, image, landmarks } = names;
+fn command(job: &Job<'_>, names: &Names) -> String {
+    let Names { model, image, landmarks, mask } = names;
     let mut command =
         format!("onescan fit {model} {image} --landmarks {landmarks} -o fit --seed {}", job.seed);
-    let (config, base) = (&job.config, Config::default());
+    let (config, base) = (&job.config, job.schedule.config(job.model));
     let mut add = |option: &str, value: &dyn Display, differs: bool| {
         if differs {
             // Writing to a string cannot fail.
             let _ = write!(command, " --{option} {value}");
         }
     };
+    if let Some(mask) = mask {
+        add("mask", mask, true);
+    }
+    add("schedule", &job.schedule, job.schedule != Schedule::default());
     let (samples, landmark_samples) = (config.samples, config.landmark_samples);
     add("samples", &samples, samples != base.samples);
     add("landmark-samples", &landmark_samples, landmark_samples != base.landmark_samples);
@@ -150,12 +169,6 @@ fn command(job: &Job<'_>, fit: &Fit, names: &Names) -> String {
     let size = job.crop.scaled_to[0].max(job.crop.scaled_to[1]);
     add("size", &size, size != Crop::LONGER_SIDE);
     add("pixel-patch", &config.pixel_patch, config.pixel_patch != base.pixel_patch);
-    if !config.search {
-        command.push_str(" --sampler");
-    }
-    if fit.mode.is_some() {
-        command.push_str(" --schedule mode");
-    }
     command
 }
 
@@ -164,7 +177,7 @@ fn finite(x: f64) -> f64 {
     x.max(f64::MIN)
 }
 
-fn pictures(job: &Job<'_>, fit: &Fit, in_photo: &Scene) -> Result<Pictures> {
+fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary) -> Result<Pictures> {
     let longer = fit.crop.scaled_to[0].max(fit.crop.scaled_to[1]).max(1);
     let shown = |side: u32| (side * SIDE).div_ceil(longer).max(1);
     let crop = Crop { scaled_to: fit.crop.scaled_to.map(shown), ..fit.crop };
@@ -176,10 +189,11 @@ fn pictures(job: &Job<'_>, fit: &Fit, in_photo: &Scene) -> Result<Pictures> {
     let masked = fit.mode.as_ref().map(|mode| masked(fit.crop, &mode.mask, &photo, &on_photo));
     Ok(Pictures {
         masked,
+        landmarks: marked(&crop, &photo, &on_photo, &summary.landmarks),
         on_photo,
         alone: render::draw_on(job.model, &scene, render::GROUND),
         sides: sides.into(),
-        whole: render::draw_over(job.model, in_photo, job.photo)?,
+        whole: render::draw_over(job.model, &summary.parameters, job.photo)?,
         photo,
     })
 }
@@ -202,6 +216,25 @@ fn masked(crop: Crop, mask: &[f32], photo: &Picture, on_photo: &Picture) -> Mask
     Masked { mask, behind }
 }
 
+fn marked(
+    crop: &Crop,
+    photo: &Picture,
+    on_photo: &Picture,
+    landmarks: &[LandmarkFound],
+) -> [Picture; 2] {
+    [photo, on_photo].map(|ground| {
+        let mut picture = ground.clone();
+        let place = |at: [f64; 2]| crop.to_crop(at).map(|c| c as f32);
+        for l in landmarks {
+            picture.dot(place(l.fitted), 2, FITTED);
+        }
+        for l in landmarks {
+            picture.cross(place(l.marked), 4, if l.far { ASTRAY } else { MARKED });
+        }
+        picture
+    })
+}
+
 /// The fitted face turned, upright, under frontal light.
 fn side_view(model: &Model<'_>, fitted: &Scene, yaw: f32) -> Picture {
     let portrait = render::portrait(model, [SIDE; 2], yaw, 0.0);
@@ -214,6 +247,11 @@ impl Pictures {
     pub fn behind(&self) -> Option<Picture> {
         let masked = self.masked.as_ref()?;
         Some(picture::montage(&[&self.photo, &masked.behind], 8, [255; 3]))
+    }
+
+    /// `photo | model on photo`, with the landmarks.
+    pub fn landmarks(&self) -> Picture {
+        picture::montage(&self.landmarks.each_ref(), 8, picture::WHITE)
     }
 
     /// `photo | model on photo | model alone | side views`.
@@ -240,6 +278,7 @@ pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
         ("mesh.glb", glb::encode(&result.mesh, "fitted face")?),
         ("overlay.png", result.pictures.overlay().to_png()?),
         ("photo.png", result.pictures.whole.to_png()?),
+        ("landmarks.png", result.pictures.landmarks().to_png()?),
     ];
     if let (Some(masked), Some(behind)) = (&result.pictures.masked, result.pictures.behind()) {
         files.push(("mask.png", masked.mask.to_png()?));

@@ -1,7 +1,7 @@
 //! A whole fit on the computer's threads.
 
 use super::checkpoint::{Identity, Save};
-use super::{Fit, Job, Observed, Run, Running};
+use super::{Fit, Job, Observed, Run, Running, Schedule, mode};
 use crate::error::{Error, Result};
 use crate::simd;
 use onescan_core::hash::Fnv64;
@@ -21,8 +21,8 @@ pub struct Control<'a> {
 pub enum Ending {
     /// All steps were made.
     Done(Box<Fit>),
-    /// [`Control::stop`] was set; this continues the fit.
-    Stopped(Box<Save>),
+    /// [`Control::stop`] was set; this continues the fit, if it was a chain's.
+    Stopped(Option<Box<Save>>),
 }
 
 impl Job<'_> {
@@ -46,15 +46,27 @@ impl Job<'_> {
         }
     }
 
+    /// The most steps of the fit, for a progress bar.
+    pub fn steps(&self) -> u64 {
+        match self.schedule {
+            Schedule::Mode => mode::most_steps(),
+            Schedule::Paper | Schedule::Sampler => u64::from(self.chains) * self.config.steps(),
+        }
+    }
+
     /// Runs the fit, from the beginning or from where `resume` left it.
     ///
-    /// Chains run in parallel on rayon's threads; each is a function of the seed and its number,
+    /// A search takes one thread, and nothing to resume. Chains run in parallel on rayon's threads; each is a function of the seed and its number,
     /// so their number of threads changes nothing.
     ///
     /// # Errors
     /// Landmarks the model does not have, a crop that does not fit the photo, a checkpoint of
     /// another job.
     pub fn run(&self, resume: Option<Save>, control: &Control<'_>) -> Result<Ending> {
+        if self.schedule == Schedule::Mode {
+            let found = self.find_mode(control)?;
+            return Ok(found.map_or(Ending::Stopped(None), |fit| Ending::Done(Box::new(fit))));
+        }
         let observed = Observed::new(self.photo, self.landmarks, &self.crop)?;
         let problem = observed.problem(self.model, &self.config, simd::best());
         let chains = self.chains.max(1) as usize;
@@ -81,7 +93,8 @@ impl Job<'_> {
             .collect::<Result<Vec<_>>>()?;
         if control.stop.load(Ordering::Relaxed) && !runs.iter().all(|run| run.finished) {
             let chains = runs.into_iter().map(|run| run.save).collect();
-            return Ok(Ending::Stopped(Box::new(Save { identity: self.identity(), chains })));
+            let save = Save { identity: self.identity(), chains };
+            return Ok(Ending::Stopped(Some(Box::new(save))));
         }
         let fit = self.summarize(runs).ok_or_else(|| Error::new("no chain ran"))?;
         Ok(Ending::Done(Box::new(fit)))

@@ -66,14 +66,32 @@ pub struct Proposal {
 }
 
 /// How a search for the mode ended.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModeFound {
     /// Whether the last steps changed nothing, the mask being held.
     pub converged: bool,
     /// Steps of all levels.
     pub iterations: u32,
+    /// Steps of each level, coarse to fine.
+    #[serde(default)]
+    pub levels: Vec<u32>,
     /// Log posterior density with the mask given, up to a constant.
     pub posterior: f64,
+}
+
+/// A landmark, where it was marked and where the fit has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LandmarkFound {
+    /// Its name.
+    pub name: String,
+    /// Where it was marked, pixels of the photo.
+    pub marked: [f64; 2],
+    /// Where the fitted model has it, pixels of the photo.
+    pub fitted: [f64; 2],
+    /// How far these are apart, pixels of the crop.
+    pub distance_px: f64,
+    /// Whether that is too far to believe the mark.
+    pub far: bool,
 }
 
 /// A finished fit: the contents of `fit.json`.
@@ -91,16 +109,16 @@ pub struct Summary {
     pub seed: u64,
     /// Hash over the bits of every accepted state, see [`hex`].
     pub fingerprint: String,
-    /// Number of chains.
+    /// Number of chains; 1 of a search.
     pub chains: u32,
-    /// Steps of the landmark stage, per chain.
+    /// Steps of the landmark stage, per chain; like the next two 0 of a search.
     pub landmark_samples: u32,
     /// Steps of the shape stage, per chain.
     #[serde(default)]
     pub shape_samples: u32,
     /// Steps of the image stage, per chain.
     pub samples: u32,
-    /// Steps of all chains and stages.
+    /// Steps of all chains and stages, or of the search.
     pub steps: u64,
     /// Accepted steps of all chains and stages.
     pub accepted: u64,
@@ -112,10 +130,17 @@ pub struct Summary {
     pub pixel_rmse: BeforeAfter,
     /// Root mean square distance of the landmarks, pixels of the crop.
     pub landmark_rmse_px: f64,
+    /// The landmarks one by one.
+    #[serde(default)]
+    pub landmarks: Vec<LandmarkFound>,
+    /// What speaks against the fit: sentences for a person.
+    #[serde(default)]
+    pub warnings: Vec<String>,
     /// Acceptance by kind of proposal.
     #[serde(default)]
     pub proposals: Vec<Proposal>,
-    /// The stage's log likelihood by step, thinned; steps count over both stages.
+    /// The stage's log likelihood by step, thinned; steps count over all stages. Of a search the
+    /// log posterior before and after each step, with its mask, up to a constant of its level.
     #[serde(default)]
     pub trace: Vec<(u32, f64)>,
     /// How a search for the mode ended; absent from a chain's fit.
@@ -234,6 +259,14 @@ pub(crate) mod tests {
             log_likelihood: BeforeAfter { initial: -1024.5, best: 2048.25 },
             pixel_rmse: BeforeAfter { initial: 0.25, best: 0.0625 },
             landmark_rmse_px: 3.5,
+            landmarks: vec![LandmarkFound {
+                name: "center.nose.tip".into(),
+                marked: [360.0, 260.0],
+                fitted: [361.5, 262.0],
+                distance_px: 2.5,
+                far: false,
+            }],
+            warnings: vec!["the face looks away".into()],
             proposals: vec![
                 proposal(Stage::Landmarks, "yaw", 100, 40, false),
                 proposal(Stage::Image, "shape", 150, 60, false),

@@ -153,6 +153,9 @@ pub fn lost(model: &Morphable, format: Format) -> Vec<String> {
                 lost.push(format!("that the {name} leaves out {share:.1} % of its variance"));
             }
         }
+        if model.occlusion.is_some() {
+            lost.push("where the surface is likely to be hidden (the occlusion map)".into());
+        }
         lost.push("where the model comes from".into());
     }
     lost

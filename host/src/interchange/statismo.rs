@@ -87,6 +87,7 @@ pub fn read(file: &dyn Store) -> Result<Import> {
         triangles,
         landmarks,
         uncertainties,
+        occlusion: None,
         provenance: "format = \"statismo\"\n".into(),
     };
     Ok(Import { model, notes })

@@ -155,6 +155,7 @@ pub fn build(
 
     let start = Instant::now();
     let parts = ModelParts {
+        occlusion: None,
         shape: shape.half(),
         albedo: albedo.half(),
         triangles: &scan.triangles,

@@ -110,13 +110,16 @@ pub fn export(model: &OwnedModel, options: &ExportOptions) -> Result<Exported> {
         albedo.rank(),
     );
     let landmark = |l: &Landmark| Landmark { name: l.name.clone(), vertex: renumbered(l.vertex) };
-    let left = Morphable::new(
+    let smaller = Morphable::new(
         shape,
         albedo,
         triangles.iter().map(|t| t.map(renumbered)).collect(),
         whole.landmarks.iter().map(landmark).collect(),
         provenance,
     );
+    let occlusion =
+        whole.occlusion.as_ref().map(|map| kept.iter().map(|&v| map[v as usize]).collect());
+    let left = Morphable { occlusion, ..smaller };
     let exported = left.to_model(levels)?;
     let half = |before: &Process, after: &Process| HalfReport {
         rank: [before.rank(), after.rank()],

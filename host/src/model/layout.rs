@@ -26,6 +26,7 @@ pub fn rigid(mesh: &Mesh, landmarks: &[Landmark]) -> Result<OwnedModel> {
         triangles: &mesh.triangles,
         landmarks,
         provenance: "",
+        occlusion: None,
         levels: i16::MAX,
     };
     OwnedModel::from_bytes(&parts.to_bytes()?)
@@ -60,6 +61,8 @@ pub struct ModelParts<'a> {
     pub landmarks: &'a [Landmark],
     /// `key = value` lines.
     pub provenance: &'a str,
+    /// Per vertex, 255 times the prior probability that it is hidden; `None` if that is not known.
+    pub occlusion: Option<&'a [u8]>,
     /// The integer that stands for a component's largest entry: [`i16::MAX`], or less for a file
     /// that compresses better.
     pub levels: i16,
@@ -88,8 +91,8 @@ impl ModelParts<'_> {
         let (landmarks, names) = self.named();
         let [(shape, shape_quanta), (albedo, albedo_quanta)] =
             [&self.shape, &self.albedo].map(|half| half.columns(self.levels));
-        // In the order of `Section::ALL`.
-        let sections: [Vec<u8>; Section::ALL.len()] = [
+        // In the order of `Section::ALL`, and what may follow.
+        let always: [Vec<u8>; Section::ALL.len()] = [
             little_endian(&self.shape.mean()),
             little_endian(&shape),
             little_endian(&self.shape.variances()),
@@ -105,7 +108,8 @@ impl ModelParts<'_> {
         ];
 
         let mut bytes = vec![0; HEADER_BYTES];
-        for (i, section) in sections.into_iter().enumerate() {
+        let sections = always.into_iter().chain(self.occlusion.map(<[u8]>::to_vec));
+        for (i, section) in sections.enumerate() {
             bytes.resize(bytes.len().next_multiple_of(SECTION_ALIGN), 0);
             let length = u32::try_from(section.len()).map_err(|_| {
                 Error::new(format_args!(

@@ -37,12 +37,15 @@ pub struct Morphable {
     pub landmarks: Vec<Landmark>,
     /// By landmark, how sure its place is, where that is known.
     pub uncertainties: BTreeMap<String, Uncertainty>,
+    /// Per vertex, 255 times the prior probability that it is hidden, if that is known.
+    pub occlusion: Option<Vec<u8>>,
     /// Where the model comes from: TOML.
     pub provenance: String,
 }
 
 impl Morphable {
-    /// A model without expressions, made around its mean, of landmarks as sure as they are.
+    /// A model without expressions and occlusion map, made around its mean, of landmarks as sure as
+    /// they are.
     pub fn new(
         shape: Process,
         albedo: Process,
@@ -59,6 +62,7 @@ impl Morphable {
             triangles,
             landmarks,
             uncertainties,
+            occlusion: None,
             provenance,
         }
     }
@@ -72,13 +76,14 @@ impl Morphable {
     /// A `.3dmm` model whose halves are known better than its file's.
     pub fn with_halves(model: &Model<'_>, shape: Process, albedo: Process) -> Self {
         let landmark = |(name, vertex): (&str, u32)| Landmark { name: name.to_string(), vertex };
-        Self::new(
+        let known = Self::new(
             shape,
             albedo,
             (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
             model.landmarks().map(landmark).collect(),
             model.provenance().to_string(),
-        )
+        );
+        Self { occlusion: model.occlusion().map(<[u8]>::to_vec), ..known }
     }
 
     /// Positions the model was made around.
@@ -104,6 +109,7 @@ impl Morphable {
             triangles: &self.triangles,
             landmarks: &self.landmarks,
             provenance: &self.provenance,
+            occlusion: self.occlusion.as_deref(),
             levels,
         };
         OwnedModel::from_bytes(&parts.to_bytes()?)

@@ -9,6 +9,8 @@ use std::path::Path;
 
 /// Fewer visible landmarks than this do not pin down a pose.
 pub const MIN_VISIBLE: usize = 4;
+/// Landmarks within a box of this side, pixels, are one point.
+const TOGETHER: f32 = 2.0;
 
 /// A named point in a picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,7 +115,8 @@ impl Tlms {
     ///
     /// # Errors
     /// The first of these: names the model does not know, each with the nearest it does know;
-    /// points outside the picture; fewer than [`MIN_VISIBLE`].
+    /// points outside the picture; fewer than [`MIN_VISIBLE`]; coordinates that are parts of the
+    /// picture's sides, not pixels; points that all fall together.
     pub fn check(&self, width: u32, height: u32, model_names: &[&str]) -> Result<()> {
         let unknown: Vec<String> = self
             .visible()
@@ -149,6 +152,21 @@ impl Tlms {
             return Err(Error::new(format_args!(
                 "{visible} visible landmarks; mark at least {MIN_VISIBLE} of {}",
                 model_names.join(", ")
+            )));
+        }
+        let most = |of: fn(&Landmark2) -> f32| self.visible().map(of).fold(f32::MIN, f32::max);
+        let least = |of: fn(&Landmark2) -> f32| self.visible().map(of).fold(f32::MAX, f32::min);
+        let [right, bottom] = [most(|l| l.x), most(|l| l.y)];
+        if right <= 1.0 && bottom <= 1.0 && width.min(height) > 8 {
+            return Err(Error::new(format_args!(
+                "all coordinates lie between 0 and 1; landmarks are given in pixels: multiply x by \
+                 {width} and y by {height}"
+            )));
+        }
+        if right - least(|l| l.x) < TOGETHER && bottom - least(|l| l.y) < TOGETHER {
+            return Err(Error::new(format_args!(
+                "all {visible} landmarks fall together at ({right}, {bottom}); mark each at its \
+                 own point"
             )));
         }
         Ok(())
@@ -224,6 +242,18 @@ mod tests {
         assert!(check("chin 1 99.5 -0.5\nbrow 1 0 0\nx 0 1e4 0").starts_with("2 visible"));
         let four = "chin 1 2 3\nbrow 1 2 4\ncenter.nose.tip 1 3 4\nleft.lips.corner 1 1 1";
         assert!(Tlms::parse(four).unwrap().check(100, 80, &MODEL).is_ok());
+    }
+
+    #[test]
+    fn parts_of_the_sides_and_one_point_for_all_are_refused() {
+        let four = |points: [[f32; 2]; 4]| {
+            let lines = points.iter().zip(["chin", "brow", "center.nose.tip", "left.lips.corner"]);
+            check(&lines.map(|([x, y], id)| format!("{id} 1 {x} {y}\n")).collect::<String>())
+        };
+        let parts = four([[0.5, 0.8], [0.4, 0.3], [0.5, 0.6], [0.6, 1.0]]);
+        assert!(parts.ends_with("multiply x by 100 and y by 80"), "{parts}");
+        let together = four([[50.5, 20.8], [50.4, 20.3], [50.5, 20.6], [51.6, 21.0]]);
+        assert!(together.starts_with("all 4 landmarks fall together at (51.6, 21)"), "{together}");
     }
 
     #[test]

@@ -11,9 +11,10 @@ pub use measures::{measures_report, measures_table};
 
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;
-use crate::fit::summary::{Proposal, Stage, Summary};
+use crate::fit::summary::{ModeFound, Proposal, Stage, Summary};
 use crate::photo::picture::Picture;
 use onescan_core::scene::Scene;
+use onescan_core::search::LEVELS;
 use std::fmt::{self, Write};
 use std::path::Path;
 use tables::{Rows, key_figures, provenance_facts, scene_facts};
@@ -173,6 +174,12 @@ impl<'a> Section<'a> {
                 "White where the photo shows the face, black where something hides it.",
             )?);
         }
+        figures.push(Figure::new(
+            &pictures.landmarks[0],
+            format!("The landmarks on {file}"),
+            "The landmarks. Crosses: where they were marked; dots: where the fit has them; red: too \
+             far off to be believed.",
+        )?);
         for (i, side) in pictures.sides.iter().enumerate() {
             figures.push(Figure::new(
                 side,
@@ -203,6 +210,9 @@ impl<'a> Section<'a> {
                 Escaped(self.about)
             )?;
         }
+        for warning in &s.warnings {
+            writeln!(f, "<p class=\"warning\">{}.</p>", Escaped(warning))?;
+        }
         f.write_str("<div class=\"pictures\">\n")?;
         self.figures.iter().try_for_each(|figure| figure.write(f))?;
         f.write_str("</div>\n")?;
@@ -212,7 +222,10 @@ impl<'a> Section<'a> {
         f.write_str("</div><div><h3>What was found</h3>\n")?;
         facts(f, &scene_facts(&s.parameters))?;
         f.write_str("</div></div>\n")?;
-        traces(f, s)?;
+        match &s.mode {
+            Some(mode) => levels(f, s, mode)?,
+            None => traces(f, s)?,
+        }
         coefficients(f, &s.parameters)?;
         moves(f, &s.proposals)?;
         self.files(f)?;
@@ -226,6 +239,7 @@ impl<'a> Section<'a> {
             ("mesh.ply", "the mesh with colours per vertex"),
             ("fit.json", "all numbers of this fit"),
             ("fit.rps", "the scene for scalismo-faces"),
+            ("landmarks.png", "the landmarks, where they were marked and where the fit has them"),
         ] {
             let link = address(&[&self.folder, file]);
             writeln!(f, "<li><a href=\"{link}\">{file}</a>: {what}</li>")?;
@@ -308,17 +322,64 @@ fn foot(f: &mut impl Write) -> fmt::Result {
 
 /// What happened, for somebody who has never fitted a model.
 fn in_words(f: &mut impl Write, s: &Summary) -> fmt::Result {
+    let steps = number(s.steps as f64, 0);
+    let how = match s.mode {
+        Some(_) => format!(
+            "It placed the model by the marked points, then changed everything at once, {steps} \
+             times, always towards the more probable, and judged each time which pixels show the \
+             face and which something before it. What it came to"
+        ),
+        None => format!(
+            "It weighed {steps} hypotheses, one after the other, and kept the one whose rendered \
+             picture comes closest. That picture"
+        ),
+    };
     writeln!(
         f,
         "<p>Given {landmarks} marked points and the pixels of this photo, the program looked for \
-         the pose, light, shape and colour that would produce it. It weighed {steps} hypotheses, \
-         one after the other, and kept the one whose rendered picture comes closest. That picture \
-         is off by {best} of full brightness (root mean square over the pixels the model covers); \
-         with the pose of the marked points alone it was off by {initial}.</p>",
+         the pose, light, shape and colour that would produce it. {how} is off by {best} of full \
+         brightness (root mean square over the pixels the model covers); with the pose of the \
+         marked points alone it was off by {initial}.</p>",
         landmarks = s.image.landmarks,
-        steps = number(s.steps as f64, 0),
         best = percent(s.pixel_rmse.best, 1),
         initial = percent(s.pixel_rmse.initial, 1),
+    )
+}
+
+/// The course of a search, a chart for each level: their posteriors measure different things.
+fn levels(f: &mut impl Write, s: &Summary, mode: &ModeFound) -> fmt::Result {
+    f.write_str("<h3>The search</h3>\n<div class=\"charts\">\n")?;
+    let mut rest = &s.trace[..];
+    for (&steps, level) in mode.levels.iter().zip(&LEVELS) {
+        let (own, after) = rest.split_at(rest.len().min(2 * steps as usize));
+        rest = after;
+        let points: Vec<_> = own.iter().map(|&(step, value)| (f64::from(step), value)).collect();
+        let name = match level.blur {
+            0.0 => "The photo itself".to_owned(),
+            blur => format!("The photo blurred by {} px", number(blur.into(), 0)),
+        };
+        let description = format!("{name}: log posterior by step");
+        if let (Some(svg), [first, .., last]) =
+            (charts::line(&description, "step", &points), &points[..])
+        {
+            writeln!(
+                f,
+                "<figure>{svg}<figcaption><b>{name}.</b> Log posterior, up to a constant: from {} to \
+                 {}.</figcaption></figure>",
+                number(first.1, 1),
+                number(last.1, 1)
+            )?;
+        }
+    }
+    writeln!(
+        f,
+        "</div>\n<p class=\"note\">{} A step makes the curve rise; then the mask of what hides \
+         the face is estimated anew, and the curve jumps. In the last steps the mask is held.</p>",
+        if mode.converged {
+            "The last steps changed nothing: the search has converged."
+        } else {
+            "The search ended at its last step and had not converged."
+        }
     )
 }
 
@@ -450,6 +511,7 @@ mod tests {
             sides: vec![picture(), picture()],
             whole: Picture::filled(2000, 1, [1; 3]),
             masked: None,
+            landmarks: [picture(), picture()],
         };
         let mesh = Mesh { points: vec![], colors: vec![], triangles: vec![] };
         Finished { summary, mesh, pictures }
@@ -458,13 +520,14 @@ mod tests {
     #[test]
     fn a_page_asks_nobody_for_anything() {
         let page = fit_report(&finished("a.jpg"), "scan = \"face.ply\"\nshape_rank = 9").unwrap();
-        assert_eq!(page.matches("<img src=\"data:image/png;base64,").count(), 6);
-        assert_eq!(page.matches("src=").count(), 6);
+        assert_eq!(page.matches("<img src=\"data:image/png;base64,").count(), 7);
+        assert_eq!(page.matches("src=").count(), 7);
         for absent in ["http", "url(", "<script", "@import"] {
             assert!(!page.contains(absent), "{absent}");
         }
         assert!(page.contains("<a href=\"mesh.glb\">"));
         assert!(page.contains(">shape rank</th><td>9</td>"));
+        assert!(page.contains("<p class=\"warning\">the face looks away.</p>"));
         for tag in ["section", "figure", "table", "div", "svg", "p", "tr"] {
             let (open, close) = (format!("<{tag}"), format!("</{tag}>"));
             let opened = [" ", ">"].map(|end| page.matches(&format!("{open}{end}")).count());

@@ -32,22 +32,18 @@ pub(super) fn key_figures(s: &Summary) -> Rows {
                 likelihood(s.log_likelihood.best)
             ),
         ),
+        ("Steps", steps(s)),
         (
-            "Steps",
-            format!(
-                "{} landmark + {}{} picture, {} chain{}",
-                number(s.landmark_samples.into(), 0),
-                match s.shape_samples {
-                    0 => String::new(),
-                    steps => format!("{} shape + ", number(steps.into(), 0)),
-                },
-                number(s.samples.into(), 0),
-                s.chains,
-                if s.chains == 1 { "" } else { "s" }
-            ),
+            if s.mode.is_some() { "Steps that changed something" } else { "Accepted" },
+            format!("{} ({})", number(s.accepted as f64, 0), percent(share, 0)),
         ),
-        ("Accepted", format!("{} ({})", number(s.accepted as f64, 0), percent(share, 0))),
-        ("Speed", format!("{} steps per second and chain", number(s.steps_per_second, 0))),
+        (
+            "Speed",
+            match s.mode {
+                Some(_) => format!("{} steps per second", number(s.steps_per_second, 1)),
+                None => format!("{} steps per second and chain", number(s.steps_per_second, 0)),
+            },
+        ),
         (
             "Photo",
             format!(
@@ -59,6 +55,24 @@ pub(super) fn key_figures(s: &Summary) -> Rows {
         ("Fingerprint", s.fingerprint.clone()),
     ];
     rows.map(|(name, value)| (name.to_owned(), value)).into()
+}
+
+fn steps(s: &Summary) -> String {
+    if let Some(mode) = &s.mode {
+        let end = if mode.converged { "converged" } else { "not converged" };
+        return format!("{}, {end}", mode.iterations);
+    }
+    let shape = match s.shape_samples {
+        0 => String::new(),
+        steps => format!("{} shape + ", number(steps.into(), 0)),
+    };
+    format!(
+        "{} landmark + {shape}{} picture, {} chain{}",
+        number(s.landmark_samples.into(), 0),
+        number(s.samples.into(), 0),
+        s.chains,
+        if s.chains == 1 { "" } else { "s" }
+    )
 }
 
 /// Pose, camera, light and colours in units people think in.

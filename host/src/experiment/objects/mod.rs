@@ -10,7 +10,7 @@ pub mod solid;
 
 use crate::demo;
 use crate::error::{Error, Result};
-use crate::fit::{Control, Ending, Job};
+use crate::fit::{Control, Ending, Job, Schedule};
 use crate::json;
 use crate::mesh::landmarks::Landmark;
 use crate::mesh::{Axis, Mesh};
@@ -27,6 +27,7 @@ use crate::report;
 use crate::scan::rigid::Rigid;
 use animals::{Animal, Kind};
 use onescan_core::chain::Config;
+use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 use serde::Serialize;
@@ -44,12 +45,14 @@ const NOISE: f32 = 0.02;
 /// Stream of random numbers that draws the animals.
 const ANIMALS: u32 = 0xa1;
 
-/// How such fits are made (FACTS §6.1, §6.6): landmarks to 2 pixels, and between pose and picture
-/// a stage that lets the shape follow them.
-pub fn config() -> Config {
-    Config::default().with(|config| {
+/// How such fits are made (FACTS §6.1, §6.6): landmarks to 2 pixels, and, by a chain, between pose
+/// and picture a stage that lets the shape follow them.
+pub fn config(schedule: Schedule, model: &Model<'_>) -> Config {
+    schedule.config(model).with(|config| {
         config.landmark_sd = 2.0;
-        config.shape_samples = 5000;
+        if schedule != Schedule::Mode {
+            config.shape_samples = 5000;
+        }
     })
 }
 
@@ -100,6 +103,7 @@ pub fn run(
     template: &Mesh,
     landmarks: &[Landmark],
     pictures: usize,
+    schedule: Schedule,
     seed: u64,
     progress: &mut Progress<'_>,
 ) -> Result<Objects> {
@@ -133,7 +137,7 @@ pub fn run(
         samples.extend(draw_samples(&built.model, seed)?);
         for (subject, shown) in subjects.iter().zip(&mut shown) {
             progress(done / steps, &format!("{kernels}: fit"));
-            let one = fit(&built.model, subject, seed)?;
+            let one = fit(&built.model, subject, schedule, seed)?;
             done += 1.0;
             let count = pictures as f64;
             for k in 0..2 {
@@ -177,7 +181,7 @@ struct Fitted {
     landmark_mm: [f64; 2],
 }
 
-fn fit(model: &OwnedModel, subject: &Subject, seed: u64) -> Result<Fitted> {
+fn fit(model: &OwnedModel, subject: &Subject, schedule: Schedule, seed: u64) -> Result<Fitted> {
     let model = model.view();
     let Subject { photo, landmarks, animal } = subject;
     let job = Job {
@@ -185,7 +189,9 @@ fn fit(model: &OwnedModel, subject: &Subject, seed: u64) -> Result<Fitted> {
         photo,
         landmarks,
         crop: Crop::whole([SIDE; 2]),
-        config: config(),
+        mask: None,
+        schedule,
+        config: config(schedule, &model),
         seed,
         chains: 1,
     };

@@ -33,6 +33,7 @@ fn example() -> Morphable {
             Landmark { name: "œil".into(), vertex: 1 },
         ],
         uncertainties: [("tip".to_string(), uncertainty)].into(),
+        occlusion: None,
         provenance: "format = \"statismo\"\n".into(),
     }
 }

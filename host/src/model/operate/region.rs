@@ -35,6 +35,10 @@ impl Morphable {
             albedo: self.albedo.marginal(&vertices),
             expression: self.expression.as_ref().map(|process| process.marginal(&vertices)),
             reference: self.reference.as_ref().map(of),
+            occlusion: self
+                .occlusion
+                .as_ref()
+                .map(|map| vertices.iter().map(|&v| map[v as usize]).collect()),
             uncertainties,
             triangles,
             landmarks,

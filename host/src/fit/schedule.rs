@@ -1,0 +1,45 @@
+//! The ways to fit, and the settings that go with each.
+
+use onescan_core::chain::Config;
+use onescan_core::model::Model;
+use onescan_core::scene::MAX_RANK;
+use std::fmt;
+
+/// A way to fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "full", derive(clap::ValueEnum))]
+pub enum Schedule {
+    /// Search for the mode of the posterior; hair and glasses are not taken for the face.
+    #[default]
+    Mode,
+    /// The paper's chain, which also makes search moves.
+    Paper,
+    /// The chain without search moves: it samples the posterior, and is slower to get there.
+    Sampler,
+}
+
+impl Schedule {
+    /// Its settings for a model. A search takes all components (of each half at most
+    /// [`MAX_RANK`]) and makes no steps of a chain; a chain takes the paper's numbers.
+    pub fn config(self, model: &Model<'_>) -> Config {
+        Config::default().with(|config| match self {
+            Self::Mode => {
+                config.shape_rank = model.shape.rank().min(MAX_RANK);
+                config.albedo_rank = model.albedo.rank().min(MAX_RANK);
+                (config.landmark_samples, config.samples) = (0, 0);
+            }
+            Self::Paper => {}
+            Self::Sampler => config.search = false,
+        })
+    }
+}
+
+impl fmt::Display for Schedule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mode => "mode",
+            Self::Paper => "paper",
+            Self::Sampler => "sampler",
+        })
+    }
+}
