@@ -56,8 +56,7 @@ pub fn explain(
     });
     let problem = Problem::new(model, image, landmarks, &config);
     let mut memory = vec![0; search::words(&problem)];
-    let search =
-        ModeSearch::new(problem, Options::default(), 0, &mut memory).map_err(Error::new)?;
+    let search = ModeSearch::new(problem, Options::default(), &mut memory).map_err(Error::new)?;
     let scene = search.initial().clone();
     let count = landmarks.len().max(1) as f64;
     let vertices: Vec<u32> = landmarks.iter().filter_map(|l| model.landmark(l.name)).collect();
