@@ -70,10 +70,11 @@ impl ModeSearch<'_, '_> {
             let mut put = |vertex: usize, cost: Vec3| {
                 let known = around.iter_mut().find(|(v, _)| *v == vertex);
                 if let Some((_, costs)) = known {
-                    costs[channel] = add(costs[channel], cost);
+                    if let Some(sum) = costs.get_mut(channel) {
+                        *sum = add(*sum, cost);
+                    }
                 } else {
-                    let mut costs = [[0.0; 3]; 3];
-                    costs[channel] = cost;
+                    let costs = from_fn(|c| if c == channel { cost } else { [0.0; 3] });
                     // A corner of very many faces: what does not fit is left out of the matrix.
                     let _ = around.push((vertex, costs));
                 }

@@ -32,11 +32,9 @@ impl ModeSearch<'_, '_> {
             let (x, y) = (i % width.max(1), i / width.max(1));
             frame.hit(x, y).is_none()
         };
-        // The equations are not in use yet.
         let ln = &mut *self.planes.ln_background;
         ln.fill(0.0);
-        let scratch = &mut *self.system;
-        if let Some(histogram) = scratch.get_mut(..HISTOGRAM_LEN) {
+        if let Some(histogram) = self.passing.get_mut(..HISTOGRAM_LEN) {
             picture::ln_background(self.problem.image.pixels, outside, histogram, ln);
         }
     }
@@ -44,14 +42,20 @@ impl ModeSearch<'_, '_> {
     /// Estimates the mask of what has been rendered, and gives covered pixels and the mask's sum.
     #[inline(never)]
     pub(super) fn estimate_mask(&mut self) -> (usize, f32) {
+        self.in_passing(Self::estimate_mask_in)
+    }
+
+    fn estimate_mask_in(&mut self, memory: &mut [f32]) -> (usize, f32) {
+        let pixels = self.planes.mask.len();
+        let (ratios, rest) = memory.split_at_mut(pixels.min(memory.len()));
+        let count = rest.get_mut(..pixels).unwrap_or_default();
         let width = self.problem.image.width as usize;
         let sd = self.sd();
         let k = 1.0 / (2.0 * sd * sd);
         let normaliser = ln_normaliser(f64::from(sd)) as f32;
         let shading = Shading::new(&self.scene);
-        for plane in &mut self.planes.scratch {
-            plane.fill(0.0);
-        }
+        ratios.fill(0.0);
+        count.fill(0.0);
         self.planes.mask.fill(0.0);
         let mut covered = 0;
         for y in self.frame.rows() {
@@ -63,7 +67,6 @@ impl ModeSearch<'_, '_> {
                 let face = normaliser - k * dot(difference, difference);
                 let ratio = (face - at(self.planes.ln_background, index)).max(-HOPELESS);
                 covered += 1;
-                let [ratios, count] = &mut self.planes.scratch;
                 let (Some(r), Some(c)) = (ratios.get_mut(index), count.get_mut(index)) else {
                     continue;
                 };
@@ -72,10 +75,11 @@ impl ModeSearch<'_, '_> {
             }
         }
         if !self.options.occlusion {
-            self.planes.mask.copy_from_slice(self.planes.scratch[1]);
+            for (mask, covers) in self.planes.mask.iter_mut().zip(count) {
+                *mask = *covers;
+            }
             return (covered, covered as f32);
         }
-        let [ratios, count] = &mut self.planes.scratch;
         picture::blur(ratios, self.planes.mask, width, COHERENCE);
         picture::blur(count, self.planes.mask, width, COHERENCE);
         self.planes.mask.fill(0.0);
@@ -85,7 +89,6 @@ impl ModeSearch<'_, '_> {
             for x in self.frame.columns() {
                 let Some(hit) = self.frame.hit(x, y) else { continue };
                 let index = y * width + x;
-                let [ratios, count] = &self.planes.scratch;
                 let ratio = at(ratios, index) / at(count, index).max(1e-6);
                 let hidden = self.hidden(&hit);
                 // face (1 − ε) against background ε.

@@ -32,7 +32,7 @@ impl Hiding {
         let face = || {
             let brows = model
                 .landmarks()
-                .filter(|(name, _)| name.contains("eyebrow") && name.contains("upper"))
+                .filter(|(name, _)| contains(name, "eyebrow") && contains(name, "upper"))
                 .map(|(_, vertex)| model.shape.mean_at(vertex as usize)[1])
                 .reduce(math::more)?;
             let [left, right] = [place("left.eye.corner_outer")?, place("right.eye.corner_outer")?];
@@ -50,6 +50,14 @@ impl Hiding {
         let beside = ramp(side / eyes, SIDEWAYS);
         INSIDE + (HAIR - INSIDE) * math::more(above, beside)
     }
+}
+
+/// Like `str`'s own, which is quicker, larger, and has paths to a panic.
+fn contains(name: &str, word: &str) -> bool {
+    let starts = 0..=name.len().saturating_sub(word.len());
+    starts.into_iter().any(|start| {
+        name.as_bytes().get(start..).is_some_and(|rest| rest.starts_with(word.as_bytes()))
+    })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use super::priors::{Priors, Widths};
 use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
 use crate::basis::padded;
-use crate::chain::Problem;
+use crate::chain::{Dimensions, Problem};
 use crate::hash::Fnv64;
 use crate::least_squares::{matrix_words, system_words};
 use crate::likelihood::background::HISTOGRAM_LEN;
@@ -50,25 +50,36 @@ impl Default for Options {
 
 /// Words of memory a [`ModeSearch`] of a problem needs.
 pub fn words(problem: &Problem<'_>) -> usize {
-    let d = problem.dimensions();
+    words_for(&problem.dimensions(), problem.model.triangles.len())
+}
+
+/// The same of sizes that are known before there is a problem; `lean` is of no consequence.
+///
+/// Per pixel what is visible (4), the photo (3), the background's density and the mask; per vertex
+/// its position, normal, albedo and window coordinates (4 each) and where its faces are listed, 3
+/// per triangle; the landmarks' rows of the basis; and what is needed in passing.
+pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
     let n = layout.len();
     let pixels = d.width * d.height;
     let rest = frame_words(d.width, d.height)
-        + surface_words(d.vertices, problem.model.triangles.len())
-        + 3 * 4 * padded(d.vertices)
+        + surface_words(d.vertices, triangles)
         + 3 * (d.shape_rank + d.albedo_rank)
         + rows_words(d.landmarks, d.shape_rank)
-        + equations_words(n)
-        + matrix_words(n)
+        + passing_words(d.vertices, pixels, n)
         + 5 * n;
-    7 * pixels + rest
+    5 * pixels + rest
 }
 
-/// Words of the normal equations, or of the histogram that is made there before.
-const fn equations_words(n: usize) -> usize {
-    let equations = system_words(n);
-    if equations > HISTOGRAM_LEN { equations } else { HISTOGRAM_LEN }
+/// Words of what is needed in passing, one after another: the histogram of the background, two
+/// planes, what vertices cost, equations and their matrix.
+const fn passing_words(vertices: usize, pixels: usize, n: usize) -> usize {
+    let equations = system_words(n) + matrix_words(n);
+    larger(larger(HISTOGRAM_LEN, 2 * pixels), larger(Costs::words(vertices), equations))
+}
+
+const fn larger(a: usize, b: usize) -> usize {
+    if a > b { a } else { b }
 }
 
 /// `E`, part by part.
@@ -96,15 +107,31 @@ pub(super) struct Planes<'w> {
     pub(super) ln_background: &'w mut [f32],
     /// Probability that a covered pixel shows the face; 0 where nothing is covered.
     pub(super) mask: &'w mut [f32],
-    pub(super) scratch: [&'w mut [f32]; 2],
 }
 
 /// Of every vertex, what it costs to change it.
-pub(super) struct Costs<'w> {
-    pub(super) normals: &'w mut [[f32; 4]],
-    pub(super) albedo: &'w mut [[f32; 4]],
+pub(super) struct Costs<'p> {
+    pub(super) normals: &'p mut [[f32; 4]],
+    pub(super) albedo: &'p mut [[f32; 4]],
     /// First of the window coordinates, then of the positions.
-    pub(super) positions: &'w mut [[f32; 4]],
+    pub(super) positions: &'p mut [[f32; 4]],
+}
+
+impl<'p> Costs<'p> {
+    /// Words of the costs.
+    const fn words(vertices: usize) -> usize {
+        3 * 4 * padded(vertices)
+    }
+
+    /// No costs yet; `None` if there is too little memory.
+    pub(super) fn new(vertices: usize, memory: &'p mut [f32]) -> Option<Self> {
+        let memory = memory.get_mut(..Self::words(vertices))?;
+        memory.fill(0.0);
+        let (quads, _) = memory.as_chunks_mut();
+        let (normals, rest) = quads.split_at_mut_checked(padded(vertices))?;
+        let (albedo, positions) = rest.split_at_mut_checked(padded(vertices))?;
+        Some(Self { normals, albedo, positions })
+    }
 }
 
 /// A running search.
@@ -120,13 +147,12 @@ pub struct ModeSearch<'a, 'w> {
     pub(super) planes: Planes<'w>,
     pub(super) frame: Frame<'w>,
     pub(super) surface: Surface<'w>,
-    pub(super) costs: Costs<'w>,
     /// A vertex's components.
     pub(super) components: [&'w mut [[f32; 3]]; 2],
     /// Of a pixel's three channels.
     pub(super) rows: [&'w mut [f32]; 3],
-    pub(super) system: &'w mut [f32],
-    pub(super) matrix: &'w mut [f32],
+    /// Of what is needed in passing, see [`passing_words`].
+    pub(super) passing: &'w mut [f32],
     pub(super) gradient: &'w mut [f32],
     pub(super) step: &'w mut [f32],
     pub(super) rng: Rng,
@@ -162,12 +188,9 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             photo: [plane()?, plane()?, plane()?],
             ln_background: plane()?,
             mask: plane()?,
-            scratch: [plane()?, plane()?],
         };
         let frame = Frame::carve(&mut carver, d.width, d.height)?;
         let surface = Surface::carve(&mut carver, model)?;
-        let mut quads = || carver.quads(padded(d.vertices));
-        let costs = Costs { normals: quads()?, albedo: quads()?, positions: quads()? };
         let mut components = |rank: usize| Some(carver.floats(3 * rank)?.as_chunks_mut().0);
         let components = [components(d.shape_rank)?, components(d.albedo_rank)?];
         let sd = config.landmark_sd;
@@ -184,11 +207,9 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             planes,
             frame,
             surface,
-            costs,
             components,
             rows: [carver.floats(n)?, carver.floats(n)?, carver.floats(n)?],
-            system: carver.floats(equations_words(n))?,
-            matrix: carver.floats(matrix_words(n))?,
+            passing: carver.floats(passing_words(d.vertices, pixels, n))?,
             gradient: carver.floats(n)?,
             step: carver.floats(n)?,
             rng: Rng::new(seed, 0),
