@@ -1,7 +1,6 @@
 //! Fitting a model to a photo: cut the face out, run the chains, keep the best state.
 
 pub mod checkpoint;
-#[cfg(feature = "full")]
 mod mode;
 pub mod output;
 #[cfg(feature = "full")]
@@ -16,6 +15,7 @@ use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
 use summary::ModeFound;
 
+pub use mode::{Searching, most_steps};
 use onescan_core::chain::{Chain, Config, Problem, Quality, Schedule, Stage, State, Step, Tally};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
@@ -23,12 +23,9 @@ use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
-use std::collections::BTreeMap;
 #[cfg(feature = "full")]
-pub use {
-    mode::most_steps,
-    parallel::{Control, Ending},
-};
+pub use parallel::{Control, Ending};
+use std::collections::BTreeMap;
 
 /// Points of a likelihood trace.
 const TRACE_POINTS: u32 = 400;
