@@ -1,4 +1,5 @@
-/* onescan: fit a 3D morphable model to a photo, in memory that the caller owns.
+/* onescan: fit a 3D morphable model to a photo, in memory that the caller owns: by a search for the
+ * mode of the posterior (onescan_search_...), or by the paper's Markov chain.
  * Written by cbindgen from c/src/lib.rs. A whole program: c/example.c. */
 
 #ifndef ONESCAN_H
@@ -14,9 +15,19 @@
 #define ONESCAN_MAX_LANDMARKS 64
 
 /*
+ The most coefficients of a kind a fit infers.
+ */
+#define ONESCAN_MAX_RANK 200
+
+/*
  Numbers in an OnescanFit, eight bytes each.
  */
 #define ONESCAN_FIT_LENGTH 3072
+
+/*
+ Numbers in an OnescanSearch, eight bytes each.
+ */
+#define ONESCAN_SEARCH_LENGTH 1536
 
 /*
  What became of a call.
@@ -97,7 +108,7 @@ typedef struct {
    */
   uint32_t albedo_rank;
   /*
-   Steps of the landmark stage.
+   Steps of the chain's landmark stage.
    */
   uint32_t landmark_samples;
   /*
@@ -121,13 +132,17 @@ typedef struct {
    */
   float pixel_patch;
   /*
-   Whether to search for the best fit; otherwise the chain samples the posterior.
+   Whether the chain makes search moves; otherwise it samples the posterior.
    */
   bool search;
   /*
-   Whether memory is scarcer than time: less than half of it, same result.
+   Whether memory is scarcer than time: the chain then takes less than half of it, same result.
    */
   bool lean;
+  /*
+   Whether something may hide the face, for a search for the mode.
+   */
+  bool occlusion;
 } OnescanSettings;
 
 /*
@@ -157,7 +172,7 @@ typedef struct {
 } OnescanModelInfo;
 
 /*
- A fit. Allocate it anywhere and do not move it between calls.
+ A chain. Allocate it anywhere and do not move it between calls.
  */
 typedef struct {
   /*
@@ -185,7 +200,17 @@ typedef struct {
 } OnescanLandmark;
 
 /*
- How far a fit is, and how good.
+ A search for the mode. Allocate it anywhere and do not move it between calls.
+ */
+typedef struct {
+  /*
+   The library's.
+   */
+  uint64_t storage[ONESCAN_SEARCH_LENGTH];
+} OnescanSearch;
+
+/*
+ How far a chain is, and how good.
  */
 typedef struct {
   /*
@@ -205,6 +230,106 @@ typedef struct {
    */
   double best;
 } OnescanProgress;
+
+/*
+ How far a search for the mode is, and how good.
+ */
+typedef struct {
+  /*
+   Steps done.
+   */
+  uint32_t done;
+  /*
+   The most steps it may make.
+   */
+  uint32_t most;
+  /*
+   Whether it has ended.
+   */
+  bool ended;
+  /*
+   Whether its last steps changed nothing.
+   */
+  bool converged;
+  /*
+   Hash of every scene on the way: equal on every machine.
+   */
+  uint64_t fingerprint;
+  /*
+   Negative log posterior density, up to a constant that differs from level to level.
+   */
+  double energy;
+} OnescanSearchProgress;
+
+/*
+ What was found: everything the picture depends on.
+ */
+typedef struct {
+  /*
+   Turn about the axis of view, radians; the last of the three turns.
+   */
+  float roll;
+  /*
+   Turn to the side, radians.
+   */
+  float yaw;
+  /*
+   Turn up or down, radians; the first.
+   */
+  float pitch;
+  /*
+   Factor of the model's size.
+   */
+  float scale;
+  /*
+   Where the model's origin is, mm: x to the right, y up, z towards the camera's back.
+   */
+  float translation[3];
+  /*
+   Focal length, in the sensor's unit.
+   */
+  float focal_length;
+  /*
+   Width and height of the sensor.
+   */
+  float sensor[2];
+  /*
+   Where the optical axis meets the picture: -1 to 1 to the right and up.
+   */
+  float principal_point[2];
+  /*
+   Spherical harmonics of the light: nine, red, green and blue.
+   */
+  float light[9][3];
+  /*
+   Factors of red, green and blue.
+   */
+  float gain[3];
+  /*
+   Contrast of colours to grey.
+   */
+  float contrast;
+  /*
+   Added to red, green and blue.
+   */
+  float offset[3];
+  /*
+   Shape coefficients that were inferred.
+   */
+  uint32_t shape_rank;
+  /*
+   Albedo coefficients that were inferred.
+   */
+  uint32_t albedo_rank;
+  /*
+   They, in standard deviations; 0 beyond.
+   */
+  float shape[ONESCAN_MAX_RANK];
+  /*
+   They, in standard deviations; 0 beyond.
+   */
+  float albedo[ONESCAN_MAX_RANK];
+} OnescanScene;
 
 #ifdef __cplusplus
 extern "C" {
@@ -229,7 +354,7 @@ OnescanSettings onescan_default_settings(void);
 OnescanStatus onescan_model_info(const uint8_t *model, size_t bytes, OnescanModelInfo *info);
 
 /*
- Words (4 bytes) of memory of a fit. 0 if a pointer is null.
+ Words (4 bytes) of memory of a chain. 0 if a pointer is null.
 
  # Safety
  `info` and `settings` point to what they say or are null.
@@ -241,7 +366,19 @@ size_t onescan_words(const OnescanModelInfo *info,
                      uint32_t height);
 
 /*
- Starts a fit. `rgb` are `3 * width * height` bytes, rows from the top. Nothing is copied:
+ Words (4 bytes) of memory of a search for the mode. 0 if a pointer is null.
+
+ # Safety
+ `info` and `settings` point to what they say or are null.
+ */
+size_t onescan_search_words(const OnescanModelInfo *info,
+                            const OnescanSettings *settings,
+                            size_t landmarks,
+                            uint32_t width,
+                            uint32_t height);
+
+/*
+ Starts a chain. `rgb` are `3 * width * height` bytes, rows from the top. Nothing is copied:
  model, picture, landmark names and memory must stay as long as the fit is used.
 
  # Safety
@@ -260,7 +397,27 @@ OnescanStatus onescan_start(OnescanFit *fit,
                             size_t memory_words);
 
 /*
- Makes up to `steps` steps; how many it made. 0: the fit is done.
+ Starts a search for the mode: pose, camera, shape, albedo, light, colours and what hides the
+ face, by pixels and landmarks. Takes what onescan_start takes; of the settings those of a chain
+ alone are of no consequence.
+
+ # Safety
+ Pointers point to as many things as the numbers beside them say, or are null.
+ */
+OnescanStatus onescan_search_start(OnescanSearch *search,
+                                   const uint8_t *model,
+                                   size_t model_bytes,
+                                   const uint8_t *rgb,
+                                   uint32_t width,
+                                   uint32_t height,
+                                   const OnescanLandmark *landmarks,
+                                   size_t landmark_count,
+                                   const OnescanSettings *settings,
+                                   uint32_t *memory,
+                                   size_t memory_words);
+
+/*
+ Makes up to `steps` steps; how many it made. 0: the chain is done.
 
  # Safety
  `fit` is null or was started, with OnescanStatus::Ok.
@@ -268,13 +425,50 @@ OnescanStatus onescan_start(OnescanFit *fit,
 uint32_t onescan_step(OnescanFit *fit, uint32_t steps);
 
 /*
- How far a fit is.
+ Makes up to `steps` steps of a search; how many it made. 0: it is done. A step takes as long as
+ some dozens of renderings.
+
+ # Safety
+ `search` is null or was started, with OnescanStatus::Ok.
+ */
+uint32_t onescan_search_step(OnescanSearch *search, uint32_t steps);
+
+/*
+ How far a chain is.
 
  # Safety
  `fit` is null or was started, with OnescanStatus::Ok; `progress` points to a OnescanProgress or is null.
  */
 OnescanStatus onescan_progress(OnescanFit *fit,
                                OnescanProgress *progress);
+
+/*
+ How far a search is.
+
+ # Safety
+ `search` is null or was started, with OnescanStatus::Ok; `progress` points to a
+ OnescanSearchProgress or is null.
+ */
+OnescanStatus onescan_search_progress(OnescanSearch *search, OnescanSearchProgress *progress);
+
+/*
+ What a search has found so far.
+
+ # Safety
+ `search` is null or was started, with OnescanStatus::Ok; `scene` points to a OnescanScene or is
+ null.
+ */
+OnescanStatus onescan_search_scene(OnescanSearch *search, OnescanScene *scene);
+
+/*
+ The mask of a search so far, `width * height` numbers, rows from the top: the probability of a
+ pixel to show the face, 0 where the face does not reach. It is good until the next call with the
+ search. Null if the search is.
+
+ # Safety
+ `search` is null or was started, with OnescanStatus::Ok.
+ */
+const float *onescan_search_mask(OnescanSearch *search);
 
 /*
  Draws the best state so far over a picture of the fit's size, `3 * width * height` numbers of
@@ -286,13 +480,38 @@ OnescanStatus onescan_progress(OnescanFit *fit,
  */
 OnescanStatus onescan_draw(OnescanFit *fit, float *colors, uint32_t *memory, size_t memory_words);
 
+/*
+ Draws what a search has found so far, as onescan_draw does.
+
+ # Safety
+ As the pointers of onescan_search_start.
+ */
+OnescanStatus onescan_search_draw(OnescanSearch *search,
+                                  float *colors,
+                                  uint32_t *memory,
+                                  size_t memory_words);
+
 #ifdef __cplusplus
 }  // extern "C"
 #endif  // __cplusplus
 
 #endif  /* ONESCAN_H */
 
-/* Words of memory of a fit, for static arrays: what onescan_words() says of these sizes. `lean` is
+/* Words of memory of a search, for static arrays: what onescan_search_words() says of these sizes. */
+#define ONESCAN_SEARCH_WORDS(vertices, triangles, shape_rank, albedo_rank, landmarks, width, height) \
+  (5 * ONESCAN_PIXELS(width, height) + 65 * ONESCAN_CHUNKS(width, height) +                         \
+   17 * ONESCAN_PADDED(vertices) + 1 + 3 * (size_t)(triangles) +                                   \
+   3 * ((shape_rank) + (albedo_rank)) + 3 * (landmarks) * (1 + (shape_rank)) +                     \
+   5 * ONESCAN_UNKNOWNS(shape_rank, albedo_rank) +                                                 \
+   ONESCAN_MAX(ONESCAN_MAX(15625, 2 * ONESCAN_PIXELS(width, height)),                              \
+               ONESCAN_MAX(12 * ONESCAN_PADDED(vertices),                                          \
+                           ONESCAN_SYSTEM(ONESCAN_UNKNOWNS(shape_rank, albedo_rank)) +             \
+                               ONESCAN_MATRIX(ONESCAN_UNKNOWNS(shape_rank, albedo_rank)))))
+#define ONESCAN_PIXELS(width, height) ((size_t)(width) * (height))
+#define ONESCAN_UNKNOWNS(shape_rank, albedo_rank) ((size_t)(shape_rank) + (albedo_rank) + 41)
+#define ONESCAN_MATRIX(n) ((n) * (((n) + 15) / 16 * 16))
+
+/* Words of memory of a chain, for static arrays: what onescan_words() says of these sizes. `lean` is
  * 0 or 1. */
 #define ONESCAN_WORDS(vertices, shape_rank, albedo_rank, landmarks, width, height, lean)           \
   (28 * ONESCAN_CHUNKS(width, height) +                                                            \

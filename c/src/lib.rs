@@ -1,19 +1,23 @@
 //! The C face of onescan-core: checks pointers, converts, calls, maps errors; nothing else.
 //!
-//! Memory is the caller's, sizes are known before a program runs (`sizeof(OnescanFit)`,
-//! `ONESCAN_WORDS`) and asked for while it does ([`onescan_words`]). There are no globals: as many
-//! fits may run as there is memory for, each on one thread at a time.
+//! Two ways to fit: a search for the mode of the posterior (`onescan_search_…`), and the paper's
+//! chain (`onescan_start` and what follows). Memory is the caller's, sizes are known before a
+//! program runs (`sizeof(OnescanSearch)`, `ONESCAN_SEARCH_WORDS`) and asked for while it does
+//! ([`onescan_search_words`]). There are no globals: as many fits may run as there is memory for,
+//! each on one thread at a time.
 
 #![no_std]
 
 use core::ffi::{CStr, c_char};
 use core::mem::{align_of, size_of};
-use core::slice;
+use core::{ptr, slice};
 use onescan_core::chain::{Chain, ChainError, Config, Dimensions, Problem, Schedule};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, Observation};
 use onescan_core::model::{Model, ModelError};
 use onescan_core::render::{draw, draw_words};
+use onescan_core::scene::{MAX_RANK, Scene};
+use onescan_core::search::{LEVELS, ModeSearch, Options, words_for};
 
 /// What became of a call.
 #[repr(C)]
@@ -53,8 +57,15 @@ pub enum OnescanStatus {
 pub const ONESCAN_MAX_LANDMARKS: usize = 64;
 const _: () = assert!(ONESCAN_MAX_LANDMARKS == MAX_LANDMARKS);
 
+/// The most coefficients of a kind a fit infers.
+pub const ONESCAN_MAX_RANK: usize = 200;
+const _: () = assert!(ONESCAN_MAX_RANK == MAX_RANK);
+
 /// Numbers in an OnescanFit, eight bytes each.
 pub const ONESCAN_FIT_LENGTH: usize = 3072;
+
+/// Numbers in an OnescanSearch, eight bytes each.
+pub const ONESCAN_SEARCH_LENGTH: usize = 1536;
 
 /// What a model holds.
 #[repr(C)]
@@ -92,7 +103,7 @@ pub struct OnescanSettings {
     pub shape_rank: u32,
     /// Albedo coefficients to infer, at most 200.
     pub albedo_rank: u32,
-    /// Steps of the landmark stage.
+    /// Steps of the chain's landmark stage.
     pub landmark_samples: u32,
     /// Steps of the shape stage: 0 for faces, 5000 for other objects.
     pub shape_samples: u32,
@@ -104,13 +115,15 @@ pub struct OnescanSettings {
     pub pixel_sd: f32,
     /// Pixels that share one independent error.
     pub pixel_patch: f32,
-    /// Whether to search for the best fit; otherwise the chain samples the posterior.
+    /// Whether the chain makes search moves; otherwise it samples the posterior.
     pub search: bool,
-    /// Whether memory is scarcer than time: less than half of it, same result.
+    /// Whether memory is scarcer than time: the chain then takes less than half of it, same result.
     pub lean: bool,
+    /// Whether something may hide the face, for a search for the mode.
+    pub occlusion: bool,
 }
 
-/// How far a fit is, and how good.
+/// How far a chain is, and how good.
 #[repr(C)]
 pub struct OnescanProgress {
     /// Steps done.
@@ -123,23 +136,90 @@ pub struct OnescanProgress {
     pub best: f64,
 }
 
-/// A fit. Allocate it anywhere and do not move it between calls.
+/// How far a search for the mode is, and how good.
+#[repr(C)]
+pub struct OnescanSearchProgress {
+    /// Steps done.
+    pub done: u32,
+    /// The most steps it may make.
+    pub most: u32,
+    /// Whether it has ended.
+    pub ended: bool,
+    /// Whether its last steps changed nothing.
+    pub converged: bool,
+    /// Hash of every scene on the way: equal on every machine.
+    pub fingerprint: u64,
+    /// Negative log posterior density, up to a constant that differs from level to level.
+    pub energy: f64,
+}
+
+/// What was found: everything the picture depends on.
+#[repr(C)]
+pub struct OnescanScene {
+    /// Turn about the axis of view, radians; the last of the three turns.
+    pub roll: f32,
+    /// Turn to the side, radians.
+    pub yaw: f32,
+    /// Turn up or down, radians; the first.
+    pub pitch: f32,
+    /// Factor of the model's size.
+    pub scale: f32,
+    /// Where the model's origin is, mm: x to the right, y up, z towards the camera's back.
+    pub translation: [f32; 3],
+    /// Focal length, in the sensor's unit.
+    pub focal_length: f32,
+    /// Width and height of the sensor.
+    pub sensor: [f32; 2],
+    /// Where the optical axis meets the picture: -1 to 1 to the right and up.
+    pub principal_point: [f32; 2],
+    /// Spherical harmonics of the light: nine, red, green and blue.
+    pub light: [[f32; 3]; 9],
+    /// Factors of red, green and blue.
+    pub gain: [f32; 3],
+    /// Contrast of colours to grey.
+    pub contrast: f32,
+    /// Added to red, green and blue.
+    pub offset: [f32; 3],
+    /// Shape coefficients that were inferred.
+    pub shape_rank: u32,
+    /// Albedo coefficients that were inferred.
+    pub albedo_rank: u32,
+    /// They, in standard deviations; 0 beyond.
+    pub shape: [f32; ONESCAN_MAX_RANK],
+    /// They, in standard deviations; 0 beyond.
+    pub albedo: [f32; ONESCAN_MAX_RANK],
+}
+
+/// A chain. Allocate it anywhere and do not move it between calls.
 #[repr(C)]
 pub struct OnescanFit {
     /// The library's.
     pub storage: [u64; ONESCAN_FIT_LENGTH],
 }
 
-/// What is in a [`OnescanFit`]: the chain borrows from the rest, which therefore must stay where it is.
-struct Running {
+/// A search for the mode. Allocate it anywhere and do not move it between calls.
+#[repr(C)]
+pub struct OnescanSearch {
+    /// The library's.
+    pub storage: [u64; ONESCAN_SEARCH_LENGTH],
+}
+
+/// What is in the caller's storage: the inference borrows from the rest, which therefore must stay
+/// where it is.
+struct Running<I> {
     model: Model<'static>,
     config: Config,
     observations: [Observation<'static>; MAX_LANDMARKS],
-    chain: Result<Chain<'static, 'static>, ChainError>,
+    inference: Result<I, ChainError>,
 }
 
-const _: () = assert!(size_of::<Running>() <= size_of::<OnescanFit>());
-const _: () = assert!(align_of::<Running>() <= align_of::<OnescanFit>());
+type Fit = Running<Chain<'static, 'static>>;
+type Search = Running<ModeSearch<'static, 'static>>;
+
+const _: () = assert!(size_of::<Fit>() <= size_of::<OnescanFit>());
+const _: () = assert!(align_of::<Fit>() <= align_of::<OnescanFit>());
+const _: () = assert!(size_of::<Search>() <= size_of::<OnescanSearch>());
+const _: () = assert!(align_of::<Search>() <= align_of::<OnescanSearch>());
 
 /// What a status means, in English; a number that is no status has a text, too.
 #[unsafe(no_mangle)]
@@ -159,7 +239,7 @@ pub extern "C" fn onescan_status_text(status: u32) -> *const c_char {
         c"a landmark's position is not finite",
         c"a fit infers at most 200 coefficients of each kind",
         c"a standard deviation is not positive",
-        c"too little memory; onescan_words() says how much is needed",
+        c"too little memory; onescan_words() and onescan_search_words() say how much is needed",
     ];
     let text = texts.get(status as usize).copied();
     text.unwrap_or(c"not a status of this library").as_ptr()
@@ -181,6 +261,7 @@ pub extern "C" fn onescan_default_settings() -> OnescanSettings {
         pixel_patch: config.pixel_patch,
         search: config.search,
         lean: false,
+        occlusion: true,
     }
 }
 
@@ -214,7 +295,7 @@ pub unsafe extern "C" fn onescan_model_info(
     }
 }
 
-/// Words (4 bytes) of memory of a fit. 0 if a pointer is null.
+/// Words (4 bytes) of memory of a chain. 0 if a pointer is null.
 ///
 /// # Safety
 /// `info` and `settings` point to what they say or are null.
@@ -227,10 +308,43 @@ pub unsafe extern "C" fn onescan_words(
     height: u32,
 ) -> usize {
     // SAFETY: as the caller promises.
-    let (Some(info), Some(settings)) = (unsafe { (info.as_ref(), settings.as_ref()) }) else {
-        return 0;
-    };
-    Dimensions {
+    unsafe { dimensions(info, settings, landmarks, width, height) }.map_or(0, |d| d.words())
+}
+
+/// Words (4 bytes) of memory of a search for the mode. 0 if a pointer is null.
+///
+/// # Safety
+/// `info` and `settings` point to what they say or are null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn onescan_search_words(
+    info: *const OnescanModelInfo,
+    settings: *const OnescanSettings,
+    landmarks: usize,
+    width: u32,
+    height: u32,
+) -> usize {
+    // SAFETY: as the caller promises.
+    unsafe {
+        let triangles = info.as_ref().map_or(0, |info| info.triangles as usize);
+        let dimensions = dimensions(info, settings, landmarks, width, height);
+        dimensions.map_or(0, |d| words_for(&d, triangles))
+    }
+}
+
+/// The sizes that determine a fit's memory; `None` if a pointer is null.
+///
+/// # Safety
+/// `info` and `settings` point to what they say or are null.
+unsafe fn dimensions(
+    info: *const OnescanModelInfo,
+    settings: *const OnescanSettings,
+    landmarks: usize,
+    width: u32,
+    height: u32,
+) -> Option<Dimensions> {
+    // SAFETY: as the caller promises.
+    let (info, settings) = unsafe { (info.as_ref()?, settings.as_ref()?) };
+    Some(Dimensions {
         vertices: info.vertices as usize,
         shape_rank: settings.shape_rank.min(info.shape_rank) as usize,
         albedo_rank: settings.albedo_rank.min(info.albedo_rank) as usize,
@@ -238,11 +352,10 @@ pub unsafe extern "C" fn onescan_words(
         width: width as usize,
         height: height as usize,
         lean: settings.lean,
-    }
-    .words()
+    })
 }
 
-/// Starts a fit. `rgb` are `3 * width * height` bytes, rows from the top. Nothing is copied:
+/// Starts a chain. `rgb` are `3 * width * height` bytes, rows from the top. Nothing is copied:
 /// model, picture, landmark names and memory must stay as long as the fit is used.
 ///
 /// # Safety
@@ -261,80 +374,159 @@ pub unsafe extern "C" fn onescan_start(
     memory: *mut u32,
     memory_words: usize,
 ) -> OnescanStatus {
-    let null = fit.is_null() || model.is_null() || rgb.is_null() || memory.is_null();
-    if null || landmarks.is_null() || settings.is_null() {
-        return OnescanStatus::Null;
+    let inputs = Inputs {
+        model: (model, model_bytes),
+        rgb,
+        size: [width, height],
+        landmarks: (landmarks, landmark_count),
+        settings,
+        memory: (memory, memory_words),
+    };
+    // SAFETY: `fit` is large enough and aligned for a `Fit` (asserted above); the rest is as the
+    // caller promises.
+    unsafe {
+        inputs.start(fit.cast::<Fit>(), |problem, settings, memory| {
+            let problem =
+                problem.with_schedule(Schedule::of(problem.landmarks)).with_lean(settings.lean);
+            Chain::new(problem, settings.seed, 0, memory)
+        })
     }
-    let Some(pixels) = (width as usize).checked_mul(height as usize) else {
-        return OnescanStatus::Image;
+}
+
+/// Starts a search for the mode: pose, camera, shape, albedo, light, colours and what hides the
+/// face, by pixels and landmarks. Takes what onescan_start takes; of the settings those of a chain
+/// alone are of no consequence.
+///
+/// # Safety
+/// Pointers point to as many things as the numbers beside them say, or are null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn onescan_search_start(
+    search: *mut OnescanSearch,
+    model: *const u8,
+    model_bytes: usize,
+    rgb: *const u8,
+    width: u32,
+    height: u32,
+    landmarks: *const OnescanLandmark,
+    landmark_count: usize,
+    settings: *const OnescanSettings,
+    memory: *mut u32,
+    memory_words: usize,
+) -> OnescanStatus {
+    let inputs = Inputs {
+        model: (model, model_bytes),
+        rgb,
+        size: [width, height],
+        landmarks: (landmarks, landmark_count),
+        settings,
+        memory: (memory, memory_words),
     };
-    // SAFETY: as the caller promises, for as long as the fit is used.
-    let (model, pixels, landmarks, settings, memory) = unsafe {
-        (
-            slice::from_raw_parts(model, model_bytes),
-            slice::from_raw_parts(rgb.cast::<[u8; 3]>(), pixels),
-            slice::from_raw_parts(landmarks, landmark_count),
-            *settings,
-            slice::from_raw_parts_mut(memory, memory_words),
-        )
-    };
-    let model = match Model::new_checked(model) {
-        Ok(model) => model,
-        Err(error) => return model_status(error),
-    };
-    if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
-        return OnescanStatus::LandmarkCount;
+    // SAFETY: as in `onescan_start`.
+    unsafe {
+        inputs.start(search.cast::<Search>(), |problem, settings, memory| {
+            let options = Options { occlusion: settings.occlusion, ..Options::default() };
+            ModeSearch::new(problem.with_lean(settings.lean), options, memory)
+        })
     }
-    let mut observations = [Observation { name: "", position: [0.0; 2] }; MAX_LANDMARKS];
-    for (observation, landmark) in observations.iter_mut().zip(landmarks) {
-        if landmark.name.is_null() {
+}
+
+/// What a fit is started with, as the caller gave it.
+struct Inputs {
+    model: (*const u8, usize),
+    rgb: *const u8,
+    size: [u32; 2],
+    landmarks: (*const OnescanLandmark, usize),
+    settings: *const OnescanSettings,
+    memory: (*mut u32, usize),
+}
+
+impl Inputs {
+    /// Checks and converts it, and begins an inference in `place`.
+    ///
+    /// # Safety
+    /// Pointers point to as many things as the numbers beside them say, or are null.
+    unsafe fn start<I>(
+        self,
+        place: *mut Running<I>,
+        begin: impl FnOnce(
+            Problem<'static>,
+            &OnescanSettings,
+            &'static mut [u32],
+        ) -> Result<I, ChainError>,
+    ) -> OnescanStatus {
+        let Self { model, rgb, size: [width, height], landmarks, settings, memory } = self;
+        let null = place.is_null() || model.0.is_null() || rgb.is_null() || memory.0.is_null();
+        if null || landmarks.0.is_null() || settings.is_null() {
             return OnescanStatus::Null;
         }
-        // SAFETY: a C string, for as long as the fit is used.
-        let Ok(name) = (unsafe { CStr::from_ptr(landmark.name) }).to_str() else {
-            return OnescanStatus::UnknownLandmark;
+        let Some(pixels) = (width as usize).checked_mul(height as usize) else {
+            return OnescanStatus::Image;
         };
-        *observation = Observation { name, position: [landmark.x, landmark.y] };
-    }
-    let config = Config::default().with(|config| {
-        config.shape_rank = settings.shape_rank as usize;
-        config.albedo_rank = settings.albedo_rank as usize;
-        config.landmark_samples = settings.landmark_samples;
-        config.shape_samples = settings.shape_samples;
-        config.samples = settings.samples;
-        config.landmark_sd = settings.landmark_sd;
-        config.pixel_sd = settings.pixel_sd;
-        config.pixel_patch = settings.pixel_patch;
-        config.search = settings.search;
-    });
-    let running = fit.cast::<Running>();
-    // SAFETY: `fit` is large enough and aligned for a `Running` (asserted above). Its fields are
-    // written before they are borrowed, and stay where they are, as the caller promises.
-    unsafe {
-        (&raw mut (*running).model).write(model);
-        (&raw mut (*running).config).write(config);
-        (&raw mut (*running).observations).write(observations);
-        let landmarks = &(&(*running).observations)[..landmark_count];
-        let image = Image { pixels, width, height };
-        let problem = Problem::new(&(*running).model, image, landmarks, &(*running).config)
-            .with_schedule(Schedule::of(landmarks))
-            .with_lean(settings.lean);
-        (&raw mut (*running).chain).write(Chain::new(problem, settings.seed, 0, memory));
-        match &(*running).chain {
-            Ok(_) => OnescanStatus::Ok,
-            Err(error) => chain_status(*error),
+        // SAFETY: as the caller promises, for as long as the fit is used.
+        let (model, pixels, landmarks, settings, memory) = unsafe {
+            (
+                slice::from_raw_parts(model.0, model.1),
+                slice::from_raw_parts(rgb.cast::<[u8; 3]>(), pixels),
+                slice::from_raw_parts(landmarks.0, landmarks.1),
+                *settings,
+                slice::from_raw_parts_mut(memory.0, memory.1),
+            )
+        };
+        let model = match Model::new_checked(model) {
+            Ok(model) => model,
+            Err(error) => return model_status(error),
+        };
+        if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
+            return OnescanStatus::LandmarkCount;
+        }
+        let mut observations = [Observation { name: "", position: [0.0; 2] }; MAX_LANDMARKS];
+        for (observation, landmark) in observations.iter_mut().zip(landmarks) {
+            if landmark.name.is_null() {
+                return OnescanStatus::Null;
+            }
+            // SAFETY: a C string, for as long as the fit is used.
+            let Ok(name) = (unsafe { CStr::from_ptr(landmark.name) }).to_str() else {
+                return OnescanStatus::UnknownLandmark;
+            };
+            *observation = Observation { name, position: [landmark.x, landmark.y] };
+        }
+        let config = Config::default().with(|config| {
+            config.shape_rank = settings.shape_rank as usize;
+            config.albedo_rank = settings.albedo_rank as usize;
+            config.landmark_samples = settings.landmark_samples;
+            config.shape_samples = settings.shape_samples;
+            config.samples = settings.samples;
+            config.landmark_sd = settings.landmark_sd;
+            config.pixel_sd = settings.pixel_sd;
+            config.pixel_patch = settings.pixel_patch;
+            config.search = settings.search;
+        });
+        // SAFETY: `place` is large enough and aligned. Its fields are written before they are
+        // borrowed, and stay where they are, as the caller promises.
+        unsafe {
+            (&raw mut (*place).model).write(model);
+            (&raw mut (*place).config).write(config);
+            (&raw mut (*place).observations).write(observations);
+            let landmarks = &(&(*place).observations)[..landmarks.len()];
+            let image = Image { pixels, width, height };
+            let problem = Problem::new(&(*place).model, image, landmarks, &(*place).config);
+            (&raw mut (*place).inference).write(begin(problem, &settings, memory));
+            match &(*place).inference {
+                Ok(_) => OnescanStatus::Ok,
+                Err(error) => chain_status(*error),
+            }
         }
     }
 }
 
-/// Makes up to `steps` steps; how many it made. 0: the fit is done.
+/// Makes up to `steps` steps; how many it made. 0: the chain is done.
 ///
 /// # Safety
 /// `fit` is null or was started, with OnescanStatus::Ok.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn onescan_step(fit: *mut OnescanFit, steps: u32) -> u32 {
     // SAFETY: as the caller promises.
-    let Some(chain) = (unsafe { chain(fit) }) else { return 0 };
+    let Some(chain) = (unsafe { inference(fit.cast::<Fit>()) }) else { return 0 };
     let mut done = 0;
     while done < steps && chain.step().is_some() {
         done += 1;
@@ -342,7 +534,23 @@ pub unsafe extern "C" fn onescan_step(fit: *mut OnescanFit, steps: u32) -> u32 {
     done
 }
 
-/// How far a fit is.
+/// Makes up to `steps` steps of a search; how many it made. 0: it is done. A step takes as long as
+/// some dozens of renderings.
+///
+/// # Safety
+/// `search` is null or was started, with OnescanStatus::Ok.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn onescan_search_step(search: *mut OnescanSearch, steps: u32) -> u32 {
+    // SAFETY: as the caller promises.
+    let Some(search) = (unsafe { inference(search.cast::<Search>()) }) else { return 0 };
+    let mut done = 0;
+    while done < steps && search.step().is_some() {
+        done += 1;
+    }
+    done
+}
+
+/// How far a chain is.
 ///
 /// # Safety
 /// `fit` is null or was started, with OnescanStatus::Ok; `progress` points to a OnescanProgress or is null.
@@ -353,15 +561,100 @@ pub unsafe extern "C" fn onescan_progress(
 ) -> OnescanStatus {
     // SAFETY: as the caller promises.
     let (Some(running), Some(progress)) =
-        (unsafe { (fit.cast::<Running>().as_ref(), progress.as_mut()) })
+        (unsafe { (fit.cast::<Fit>().as_ref(), progress.as_mut()) })
     else {
         return OnescanStatus::Null;
     };
-    let Ok(chain) = &running.chain else { return OnescanStatus::Null };
+    let Ok(chain) = &running.inference else { return OnescanStatus::Null };
     let (done, total) = chain.progress();
     let best = chain.best().density.posterior(&running.config);
     *progress = OnescanProgress { done, total, fingerprint: chain.fingerprint(), best };
     OnescanStatus::Ok
+}
+
+/// How far a search is.
+///
+/// # Safety
+/// `search` is null or was started, with OnescanStatus::Ok; `progress` points to a
+/// OnescanSearchProgress or is null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn onescan_search_progress(
+    search: *mut OnescanSearch,
+    progress: *mut OnescanSearchProgress,
+) -> OnescanStatus {
+    // SAFETY: as the caller promises.
+    let (Some(search), Some(progress)) =
+        (unsafe { (inference(search.cast::<Search>()), progress.as_mut()) })
+    else {
+        return OnescanStatus::Null;
+    };
+    *progress = OnescanSearchProgress {
+        done: search.iterations(),
+        most: LEVELS.iter().map(|level| level.iterations).sum(),
+        ended: search.done(),
+        converged: search.converged(),
+        fingerprint: search.fingerprint(),
+        energy: search.energy().total(),
+    };
+    OnescanStatus::Ok
+}
+
+/// What a search has found so far.
+///
+/// # Safety
+/// `search` is null or was started, with OnescanStatus::Ok; `scene` points to a OnescanScene or is
+/// null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn onescan_search_scene(
+    search: *mut OnescanSearch,
+    scene: *mut OnescanScene,
+) -> OnescanStatus {
+    // SAFETY: as the caller promises.
+    let (Some(search), Some(to)) =
+        (unsafe { (inference(search.cast::<Search>()), scene.as_mut()) })
+    else {
+        return OnescanStatus::Null;
+    };
+    let Scene { pose, camera, light, color, shape, albedo } = search.scene();
+    let coefficients = |values: &[f32]| {
+        let mut all = [0.0; ONESCAN_MAX_RANK];
+        for (to, value) in all.iter_mut().zip(values) {
+            *to = *value;
+        }
+        all
+    };
+    *to = OnescanScene {
+        roll: pose.roll,
+        yaw: pose.yaw,
+        pitch: pose.pitch,
+        scale: pose.scale,
+        translation: pose.translation,
+        focal_length: camera.focal_length,
+        sensor: camera.sensor,
+        principal_point: camera.principal_point,
+        light: *light,
+        gain: color.gain,
+        contrast: color.contrast,
+        offset: color.offset,
+        shape_rank: shape.len() as u32,
+        albedo_rank: albedo.len() as u32,
+        shape: coefficients(shape),
+        albedo: coefficients(albedo),
+    };
+    OnescanStatus::Ok
+}
+
+/// The mask of a search so far, `width * height` numbers, rows from the top: the probability of a
+/// pixel to show the face, 0 where the face does not reach. It is good until the next call with the
+/// search. Null if the search is.
+///
+/// # Safety
+/// `search` is null or was started, with OnescanStatus::Ok.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn onescan_search_mask(search: *mut OnescanSearch) -> *const f32 {
+    // SAFETY: as the caller promises.
+    let search = unsafe { inference(search.cast::<Search>()) };
+    search.map_or(ptr::null(), |search| search.mask().as_ptr())
 }
 
 /// Draws the best state so far over a picture of the fit's size, `3 * width * height` numbers of
@@ -377,17 +670,49 @@ pub unsafe extern "C" fn onescan_draw(
     memory: *mut u32,
     memory_words: usize,
 ) -> OnescanStatus {
+    // SAFETY: as the caller promises.
+    unsafe {
+        let Some(running) = fit.cast::<Fit>().as_ref() else { return OnescanStatus::Null };
+        let Ok(chain) = &running.inference else { return OnescanStatus::Null };
+        draw_scene(&running.model, &chain.best().scene, colors, memory, memory_words)
+    }
+}
+
+/// Draws what a search has found so far, as onescan_draw does.
+///
+/// # Safety
+/// As the pointers of onescan_search_start.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn onescan_search_draw(
+    search: *mut OnescanSearch,
+    colors: *mut f32,
+    memory: *mut u32,
+    memory_words: usize,
+) -> OnescanStatus {
+    // SAFETY: as the caller promises.
+    unsafe {
+        let Some(running) = search.cast::<Search>().as_ref() else { return OnescanStatus::Null };
+        let Ok(search) = &running.inference else { return OnescanStatus::Null };
+        draw_scene(&running.model, search.scene(), colors, memory, memory_words)
+    }
+}
+
+/// Draws a scene.
+///
+/// # Safety
+/// As the pointers of onescan_draw.
+unsafe fn draw_scene(
+    model: &Model<'_>,
+    scene: &Scene,
+    colors: *mut f32,
+    memory: *mut u32,
+    memory_words: usize,
+) -> OnescanStatus {
     if colors.is_null() || memory.is_null() {
         return OnescanStatus::Null;
     }
-    // SAFETY: as the caller promises.
-    let Some(running) = (unsafe { fit.cast::<Running>().as_ref() }) else {
-        return OnescanStatus::Null;
-    };
-    let Ok(chain) = &running.chain else { return OnescanStatus::Null };
-    let scene = &chain.best().scene;
     let [width, height] = scene.camera.image_size.map(|side| side as usize);
-    if memory_words < draw_words(running.model.vertices(), width, height) {
+    if memory_words < draw_words(model.vertices(), width, height) {
         return OnescanStatus::Memory;
     }
     // SAFETY: as the caller promises.
@@ -397,24 +722,24 @@ pub unsafe extern "C" fn onescan_draw(
             slice::from_raw_parts_mut(memory, memory_words),
         )
     };
-    match draw(&running.model, scene, memory, colors) {
+    match draw(model, scene, memory, colors) {
         Some(_) => OnescanStatus::Ok,
         None => OnescanStatus::Memory,
     }
 }
 
-/// The chain of a fit.
+/// What runs in a caller's storage.
 ///
 /// # Safety
-/// `fit` is null or was started, with [`OnescanStatus::Ok`].
-unsafe fn chain<'f>(fit: *mut OnescanFit) -> Option<&'f mut Chain<'static, 'static>> {
-    // SAFETY: as the caller promises. Only the chain is borrowed for writing; what it borrows
+/// `place` is null or was started, with [`OnescanStatus::Ok`].
+unsafe fn inference<'f, I>(place: *mut Running<I>) -> Option<&'f mut I> {
+    // SAFETY: as the caller promises. Only the inference is borrowed for writing; what it borrows
     // itself are other fields.
     unsafe {
-        if fit.is_null() {
+        if place.is_null() {
             return None;
         }
-        (*fit.cast::<Running>()).chain.as_mut().ok()
+        (*place).inference.as_mut().ok()
     }
 }
 

@@ -241,9 +241,13 @@ impl<'s> System<'s> {
         self.flush();
         let matrix = matrix.as_chunks_mut().0;
         let matrix = matrix.get_mut(..self.a.len())?;
-        matrix.copy_from_slice(self.a);
+        for (to, from) in matrix.iter_mut().zip(&*self.a) {
+            *to = *from;
+        }
         let step = step.get_mut(..self.n)?;
-        step.copy_from_slice(self.b);
+        for (to, from) in step.iter_mut().zip(&*self.b) {
+            *to = *from;
+        }
         for (i, row) in matrix.chunks_exact_mut(stride(self.n)).enumerate() {
             let Some(x) = row.as_flattened_mut().get_mut(i) else { continue };
             *x += lambda * *x + damping(i);

@@ -10,6 +10,7 @@ static uint32_t damaged[512 * 1024 / 4];
 static uint8_t rgb[3 * 16 * 16];
 static uint32_t memory[100000];
 static OnescanFit fit;
+static OnescanSearch search;
 static int faults;
 
 static void expect(const char *what, OnescanStatus found, OnescanStatus expected)
@@ -74,6 +75,45 @@ int main(int argc, char **argv)
     expect("unnamed", START(&unnamed, 1, 16, words), ONESCAN_STATUS_NULL);
     settings.pixel_sd = 0;
     expect("no deviation", START(&nose, 1, 16, words), ONESCAN_STATUS_CONFIG);
+    settings.pixel_sd = 0.1f;
+
+#define SEARCH(landmark, count, side, room)                                                        \
+    onescan_search_start(&search, start, bytes, rgb, side, side, landmark, count, &settings, memory, room)
+    needed = onescan_search_words(&info, &settings, 1, 16, 16);
+    expect("a search in little memory", SEARCH(&nose, 1, 16, needed - 1), ONESCAN_STATUS_MEMORY);
+    expect("a search", SEARCH(&nose, 1, 16, needed), ONESCAN_STATUS_OK);
+    OnescanSearchProgress found;
+    expect("its progress", onescan_search_progress(&search, &found), ONESCAN_STATUS_OK);
+    unsigned made = 0;
+    for (unsigned last = 1; last > 0; made += last)
+        last = onescan_search_step(&search, 3);
+    expect("its end", onescan_search_progress(&search, &found), ONESCAN_STATUS_OK);
+    if (found.done != made || found.done > found.most || made == 0 || !found.ended) {
+        fprintf(stderr, "a search of %u steps says %u of %u\n", made, found.done, found.most);
+        faults++;
+    }
+    static OnescanScene scene;
+    expect("its scene", onescan_search_scene(&search, &scene), ONESCAN_STATUS_OK);
+    if (scene.shape_rank != info.shape_rank || scene.albedo_rank != info.albedo_rank ||
+        !(scene.translation[2] < 0) || scene.shape[info.shape_rank] != 0) {
+        fprintf(stderr, "the scene has %u + %u coefficients\n", scene.shape_rank, scene.albedo_rank);
+        faults++;
+    }
+    const float *mask = onescan_search_mask(&search);
+    for (int i = 0; i < 16 * 16; i++)
+        faults += !(mask[i] >= 0 && mask[i] <= 1);
+    expect("its picture", onescan_search_draw(&search, colors, more, words), ONESCAN_STATUS_OK);
+    expect("its picture in no room", onescan_search_draw(&search, colors, more, 9),
+           ONESCAN_STATUS_MEMORY);
+    expect("a search for a tail", SEARCH(&tail, 1, 16, needed), ONESCAN_STATUS_UNKNOWN_LANDMARK);
+    expect("a search in nothing", SEARCH(&nose, 1, 0, needed), ONESCAN_STATUS_IMAGE);
+    expect("no search", onescan_search_progress(NULL, &found), ONESCAN_STATUS_NULL);
+    expect("no scene", onescan_search_scene(NULL, &scene), ONESCAN_STATUS_NULL);
+    if (onescan_search_mask(NULL) != NULL || onescan_search_step(NULL, 1) != 0 ||
+        onescan_search_words(NULL, &settings, 1, 16, 16) != 0) {
+        fprintf(stderr, "no search does something\n");
+        faults++;
+    }
     settings = onescan_default_settings();
     settings.shape_rank = 201;
     expect("a high rank", START(&nose, 1, 16, words), ONESCAN_STATUS_RANK);

@@ -1,5 +1,5 @@
-/* Fits a model of any size to a photo by default settings, with memory asked for while it runs, and
- * prints the fingerprint: full MODEL.3dmm PHOTO.ppm PHOTO.tlms */
+/* Fits a model of any size to a photo by default settings, with memory asked for while it runs, by a
+ * chain and by a search, and prints their fingerprints: full MODEL.3dmm PHOTO.ppm PHOTO.tlms */
 #include "onescan.h"
 
 #include <stdio.h>
@@ -27,6 +27,7 @@ int main(int argc, char **argv)
     static char names[ONESCAN_MAX_LANDMARKS][64];
     static OnescanLandmark landmarks[ONESCAN_MAX_LANDMARKS];
     static OnescanFit fit;
+    static OnescanSearch search;
     if (argc != 4)
         return 2;
 
@@ -71,6 +72,17 @@ int main(int argc, char **argv)
     OnescanProgress progress;
     good(onescan_progress(&fit, &progress));
     printf("fingerprint %016llx\n", (unsigned long long)progress.fingerprint);
+    free(memory);
+
+    words = onescan_search_words(&info, &settings, count, width, height);
+    memory = check(calloc(words, sizeof *memory), "memory");
+    good(onescan_search_start(&search, model, bytes, rgb, width, height, landmarks, count, &settings,
+                              memory, words));
+    while (onescan_search_step(&search, 10) > 0) {
+    }
+    OnescanSearchProgress found;
+    good(onescan_search_progress(&search, &found));
+    printf("search %016llx\n", (unsigned long long)found.fingerprint);
     free(memory);
     free(rgb);
     free(model);

@@ -7,7 +7,10 @@ use onescan::photo::picture::Picture;
 use onescan::photo::tlms::{Landmark2, Tlms};
 use onescan::photo::{self, Crop};
 use onescan::simd;
-use onescan_case::{RANK, SIDE, STAGES, WORDS, fit, picture, stages, write_golden};
+use onescan_case::{
+    HALF_SIDE, RANK, SEARCH_WORDS, SIDE, STAGES, WORDS, fit, half_picture, picture, search, stages,
+    write_chain, write_search,
+};
 use onescan_tests::program::fixtures;
 use std::fs;
 
@@ -35,17 +38,20 @@ fn inputs_are_made_when_asked_for() {
     let landmarks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
     let photo = photo::read(&fixtures().join("photos/astronaut.png")).unwrap();
     let size = [photo.width, photo.height];
-    let crop = Crop::around(&landmarks.visible_points(), size, ENLARGE, SIDE as u32).unwrap();
-    let small = crop.cut(&photo).unwrap().resized(SIDE as u32, SIDE as u32);
-    let mut ppm = format!("P6\n{SIDE} {SIDE}\n255\n").into_bytes();
-    ppm.extend(small.bytes());
-    fs::write(place.join("photo.ppm"), ppm).unwrap();
-    let moved = landmarks.visible().map(|l| {
-        let [x, y] = crop.to_crop([l.x, l.y].map(f64::from));
-        Landmark2 { x: x as f32, y: y as f32, ..l.clone() }
-    });
-    let moved = Tlms { landmarks: moved.collect() };
-    fs::write(place.join("photo.tlms"), moved.to_text()).unwrap();
+    for (name, side) in [("photo", SIDE), ("half", HALF_SIDE)] {
+        let (place, side) = (place.join(name), side as u32);
+        let crop = Crop::around(&landmarks.visible_points(), size, ENLARGE, side).unwrap();
+        let small = crop.cut(&photo).unwrap().resized(side, side);
+        let mut ppm = format!("P6\n{side} {side}\n255\n").into_bytes();
+        ppm.extend(small.bytes());
+        fs::write(place.with_extension("ppm"), ppm).unwrap();
+        let moved = landmarks.visible().map(|l| {
+            let [x, y] = crop.to_crop([l.x, l.y].map(f64::from));
+            Landmark2 { x: x as f32, y: y as f32, ..l.clone() }
+        });
+        let moved = Tlms { landmarks: moved.collect() };
+        fs::write(place.with_extension("tlms"), moved.to_text()).unwrap();
+    }
 }
 
 #[test]
@@ -56,12 +62,14 @@ fn every_engine_and_every_memory_computes_the_golden_bits() {
     let golden = fixtures().join("golden/device.txt");
     for engine in simd::all() {
         for lean in [true, false] {
-            let mut memory = vec![0; if lean { WORDS } else { 3 * WORDS }];
+            let mut memory = vec![0; if lean { WORDS.max(SEARCH_WORDS) } else { 3 * WORDS }];
             let hashes = stages(&mut memory, engine).unwrap();
             assert_eq!(hashes.len(), STAGES.len());
             let fitted = fit(&mut memory, engine, lean).unwrap();
             let mut found = String::new();
-            write_golden(&mut found, &hashes, fitted.fingerprint).unwrap();
+            write_chain(&mut found, &hashes, fitted.fingerprint).unwrap();
+            let mode = search(&mut memory, engine).unwrap();
+            write_search(&mut found, &mode).unwrap();
             if writes("results") {
                 fs::write(&golden, &found).unwrap();
             }
@@ -69,13 +77,14 @@ fn every_engine_and_every_memory_computes_the_golden_bits() {
             assert_eq!(found, expected, "{}, lean: {lean}", engine.name);
             assert!(fitted.quality.pixel_rmse < 0.12, "{:?}", fitted.quality);
 
-            let mut shown = None;
-            picture(&mut memory, &fitted.scene, |colors| {
-                shown = Some(Picture::from_unit(SIDE as u32, SIDE as u32, colors));
-            })
-            .unwrap();
-            let shown = shown.unwrap().enlarged(4);
-            shown.write_png(&onescan_tests::program::target().join("device-native.png")).unwrap();
+            let save = |name: &str, side: usize, colors: &[[f32; 3]]| {
+                let shown = Picture::from_unit(side as u32, side as u32, colors).enlarged(4);
+                shown.write_png(&onescan_tests::program::target().join(name)).unwrap();
+            };
+            let show = |colors: &[[f32; 3]]| save("device-native.png", SIDE, colors);
+            picture(&mut memory, &fitted.scene, show).unwrap();
+            let show = |colors: &[[f32; 3]]| save("device-search-native.png", HALF_SIDE, colors);
+            half_picture(&mut memory, &mode.scene, show).unwrap();
         }
     }
 }

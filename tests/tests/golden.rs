@@ -73,10 +73,14 @@ fn full_size() {
     let out = target().join("full");
     fs::create_dir_all(&out).unwrap();
     full::write(&out, &fixtures().join("photos")).unwrap();
-    let fit = "fit face.3dmm @photos/astronaut.png --landmarks @photos/astronaut.tlms \
-               --schedule paper -o fit";
-    Onescan::new(&out, fit).succeed();
-    let found = format!("fingerprint {}\n", fingerprint(&json(&out.join("fit/fit.json"))));
+    let mut found = String::new();
+    for (name, schedule) in [("fingerprint", "paper"), ("search", "mode")] {
+        let photo = "@photos/astronaut.png --landmarks @photos/astronaut.tlms";
+        let fit = format!("fit face.3dmm {photo} --schedule {schedule} -o {schedule}");
+        Onescan::new(&out, &fit).succeed();
+        let fit = json(&out.join(schedule).join("fit.json"));
+        writeln!(found, "{name} {}", fingerprint(&fit)).unwrap();
+    }
     let path = golden().join("full.txt");
     if writes("results") {
         fs::write(&path, found).unwrap();

@@ -1,4 +1,5 @@
-// Fits a case in WebAssembly by the C library's functions and prints its fingerprint:
+// Fits a case in WebAssembly by the C library's functions, by a chain and by a search, and prints
+// their fingerprints:
 // node case.mjs LIBRARY.wasm CASE_DIRECTORY [small]
 // by default settings, or by those of tests/case.
 import { readFileSync } from "node:fs";
@@ -29,7 +30,6 @@ function put(bytes) {
 }
 // Where a C compiler puts the fields of one of the header's structures.
 function layout(name) {
-  const header = readFileSync(new URL("../../c/include/onescan.h", import.meta.url), "utf8");
   const plain = header.replace(/\/\*[^]*?\*\//g, "");
   const [, body] = new RegExp(`typedef struct \\{([^{}]*)\\} ${name};`).exec(plain);
   const sizes = { uint64_t: 8, double: 8, uint32_t: 4, float: 4, bool: 1 };
@@ -51,23 +51,16 @@ function check(status, what) {
   if (status !== 0) throw new Error(`${what}: ${text(onescan.onescan_status_text(status))}`);
 }
 
+const header = readFileSync(new URL("../../c/include/onescan.h", import.meta.url), "utf8");
+const constant = (name) => Number(new RegExp(`#define ${name} (\\d+)`).exec(header)[1]);
+function number(name, at, field) {
+  const { type, offset } = layout(name).of[field];
+  const get = { uint32_t: "getUint32", uint64_t: "getBigUint64", float: "getFloat32", bool: "getUint8" }[type];
+  return view()[get](at + offset, true);
+}
+
 const model = readFileSync(join(place, "face.3dmm"));
-const photo = readFileSync(join(place, "photo.ppm"));
-const [header, width, height] = /^P6\n(\d+) (\d+)\n255\n/.exec(photo.toString("latin1"));
-const rgb = photo.subarray(header.length);
-const lines = readFileSync(join(place, "photo.tlms"), "utf8").trim().split("\n");
-
 const modelAt = put(model);
-const rgbAt = put(rgb);
-const names = lines.map((line) => put(new TextEncoder().encode(`${line.split(" ")[0]}\0`)));
-const landmarks = allocate(12 * lines.length);
-lines.forEach((line, i) => {
-  const [, , x, y] = line.split(" ");
-  view().setUint32(landmarks + 12 * i, names[i], true);
-  view().setFloat32(landmarks + 12 * i + 4, Number(x), true);
-  view().setFloat32(landmarks + 12 * i + 8, Number(y), true);
-});
-
 const info = allocate(layout("OnescanModelInfo").size);
 check(onescan.onescan_model_info(modelAt, model.length, info), "model");
 const fields = layout("OnescanSettings");
@@ -77,27 +70,48 @@ function set(name, value) {
   const { type, offset } = fields.of[name];
   view()[{ uint32_t: "setUint32", float: "setFloat32" }[type]](settings + offset, value, true);
 }
+function setRanks(rank) {
+  set("shape_rank", rank);
+  set("albedo_rank", rank);
+}
 if (small) {
-  set("shape_rank", 30);
-  set("albedo_rank", 30);
+  setRanks(30);
   set("landmark_samples", 1000);
   set("samples", 2000);
   set("landmark_sd", 1);
   set("pixel_patch", 5);
 }
 
-const words = onescan.onescan_words(info, settings, lines.length, width, height);
-const room = allocate(4 * words);
-const fit = allocate(8 * 3072);
-check(
-  onescan.onescan_start(
-    fit, modelAt, model.length, rgbAt, width, height, landmarks, lines.length, settings, room, words,
-  ),
-  "start",
-);
-while (onescan.onescan_step(fit, 500) > 0) {}
-const results = layout("OnescanProgress");
-const progress = allocate(results.size);
-check(onescan.onescan_progress(fit, progress), "progress");
-const fingerprint = view().getBigUint64(progress + results.of.fingerprint.offset, true);
-console.log(`fingerprint ${fingerprint.toString(16).padStart(16, "0")}`);
+// Functions called PREFIX_start and so on; what they fit in takes `length` words of eight bytes.
+function fit(prefix, length, progressName, photoName) {
+  const photo = readFileSync(join(place, `${photoName}.ppm`));
+  const [head, width, height] = /^P6\n(\d+) (\d+)\n255\n/.exec(photo.toString("latin1"));
+  const rgbAt = put(photo.subarray(head.length));
+  const lines = readFileSync(join(place, `${photoName}.tlms`), "utf8").trim().split("\n");
+  const names = lines.map((line) => put(new TextEncoder().encode(`${line.split(" ")[0]}\0`)));
+  const landmarks = allocate(12 * lines.length);
+  lines.forEach((line, i) => {
+    const [, , x, y] = line.split(" ");
+    view().setUint32(landmarks + 12 * i, names[i], true);
+    view().setFloat32(landmarks + 12 * i + 4, Number(x), true);
+    view().setFloat32(landmarks + 12 * i + 8, Number(y), true);
+  });
+  const words = onescan[`${prefix}_words`](info, settings, lines.length, width, height);
+  const room = allocate(4 * words);
+  const running = allocate(8 * length);
+  check(
+    onescan[`${prefix}_start`](
+      running, modelAt, model.length, rgbAt, width, height, landmarks, lines.length, settings, room, words,
+    ),
+    "start",
+  );
+  while (onescan[`${prefix}_step`](running, 500) > 0) {}
+  const progress = allocate(layout(progressName).size);
+  check(onescan[`${prefix}_progress`](running, progress), "progress");
+  return number(progressName, progress, "fingerprint").toString(16).padStart(16, "0");
+}
+
+console.log(`fingerprint ${fit("onescan", constant("ONESCAN_FIT_LENGTH"), "OnescanProgress", "photo")}`);
+if (small) setRanks(20);
+const half = small ? "half" : "photo";
+console.log(`search ${fit("onescan_search", constant("ONESCAN_SEARCH_LENGTH"), "OnescanSearchProgress", half)}`);

@@ -21,5 +21,5 @@ if (globalThis.process?.argv[1]?.endsWith("stages.mjs")) {
   const { readFileSync } = await import("node:fs");
   const golden = readFileSync(process.argv[3], "utf8");
   compare(await lines(readFileSync(process.argv[2]), golden), golden);
-  console.log(golden.trim().split("\n").at(-1));
+  console.log(golden.trim());
 }

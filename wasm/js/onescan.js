@@ -4,20 +4,17 @@
  * In a page, a fit belongs into a worker: see `connect()` in client.js, which has the same names.
  */
 
-import init, { Fit as Chain, Model, Photo, Viewer } from './wasm/onescan_wasm.js';
+import init, { Fit as Search, Model, Photo, Viewer } from './wasm/onescan_wasm.js';
 
 export { Model, Photo, Viewer };
 
 /** @typedef {{ name: string, x: number, y: number, visible?: boolean }} Landmark Pixels of the photo; pixel (x, y) is the point (x, y). */
-/** @typedef {{ seed?: number, samples?: number, landmarkSamples?: number, shapeSamples?: number, landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number, sampler?: boolean }} Settings As the options of `onescan fit --schedule paper`, or `sampler`. */
-/** @typedef {{ done: number, total: number, stage: 'landmarks' | 'shape' | 'image', seconds: number, stepsPerSecond: number, fingerprint: string }} Progress Speed is that of the image stage, once it has begun. */
+/** @typedef {{ seed?: number, landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number }} Settings As the options of `onescan fit --schedule mode`; ranks are the model's by default. */
+/** @typedef {{ done: number, total: number, ended: boolean, converged: boolean, seconds: number, fingerprint: string }} Progress Steps done of at most so many in all. */
+/** @typedef {{ blur: number, steps: number }} Level Standard deviation of the photo's blur, pixels of what the fit looks at, and the most steps. */
+/** @typedef {{ level: number, energy: number }} TracePoint After a step; energies of different levels measure different things. */
 /** @typedef {{ name: string, bytes: Uint8Array<ArrayBuffer> }} SavedFile */
 /** @typedef {import('./wasm/onescan_wasm.js').Fitted} Fitted */
-
-/** How long a running fit computes before it lets others have a word, milliseconds. */
-const SLICE = 25;
-/** Steps between two looks at the clock. */
-const BATCH = 8;
 
 /**
  * Loads the program.
@@ -60,7 +57,13 @@ export class Onescan {
    * @param {{ model: Model, photo: Photo, landmarks: string | Landmark[] } & Settings} job
    */
   fit({ model, photo, landmarks, ...settings }) {
-    return new Fit(new Chain(model, photo, tlms(landmarks), JSON.stringify(settings)));
+    return new Fit(new Search(model, photo, tlms(landmarks), JSON.stringify(settings)));
+  }
+
+  /** The levels of every fit, coarse to fine. @returns {Level[]} */
+  get levels() {
+    const numbers = [...Search.levels()];
+    return Array.from({ length: numbers.length / 2 }, (_, i) => ({ blur: numbers[2 * i], steps: numbers[2 * i + 1] }));
   }
 
   /**
@@ -85,17 +88,15 @@ function tlms(landmarks) {
 
 /** A fit. Fires `progress` (with a {@link Progress} as `detail`) after every call of `step()`. */
 export class Fit extends EventTarget {
-  #chain;
+  #search;
   #seconds = 0;
-  #imageSeconds = 0;
-  #imageSteps = 0;
   /** @type {'idle' | 'running' | 'paused' | 'cancelled'} */
   #state = 'idle';
 
-  /** @param {Chain} chain */
-  constructor(chain) {
+  /** @param {Search} search */
+  constructor(search) {
     super();
-    this.#chain = chain;
+    this.#search = search;
   }
 
   /**
@@ -103,49 +104,30 @@ export class Fit extends EventTarget {
    * @param {number} [count]
    */
   step(count = 1) {
-    const made = this.#advance(count);
-    this.#report();
-    return made;
-  }
-
-  /** @param {number} count */
-  #advance(count) {
-    const chain = this.#chain;
-    const image = chain.stage === 'image';
     const start = performance.now();
-    const made = chain.step(count);
-    const seconds = (performance.now() - start) / 1000;
-    this.#seconds += seconds;
-    if (image) {
-      this.#imageSeconds += seconds;
-      this.#imageSteps += made;
-    }
-    return made;
-  }
-
-  #report() {
+    const made = this.#search.step(count);
+    this.#seconds += (performance.now() - start) / 1000;
     this.dispatchEvent(new CustomEvent('progress', { detail: this.progress }));
+    return made;
   }
 
   /**
-   * Runs to the end, in slices between which others get their turn. Resolves to whether it got
-   * there: not if it was cancelled.
+   * Runs to the end; between two steps others get their turn. Resolves to whether it got there:
+   * not if it was cancelled.
    */
   async run() {
     this.#change('idle', 'running');
-    let done = false;
-    while (!done && this.#state !== 'cancelled') {
+    while (!this.#search.ended && this.#state !== 'cancelled') {
       if (this.#state === 'paused') {
         await new Promise((wake) => this.addEventListener('state', wake, { once: true }));
         continue;
       }
-      const end = performance.now() + SLICE;
-      while (!done && performance.now() < end) done = this.#advance(BATCH) < BATCH;
-      this.#report();
-      if (!done) await turn();
+      this.step();
+      await turn();
     }
+    const ended = this.#search.ended;
     this.#state = 'idle';
-    return done;
+    return ended;
   }
 
   pause() {
@@ -173,30 +155,37 @@ export class Fit extends EventTarget {
 
   /** @returns {Progress} */
   get progress() {
-    const { done, total, fingerprint } = this.#chain;
-    const stepsPerSecond = this.#imageSteps / Math.max(this.#imageSeconds, 1e-9);
-    const stage = /** @type {Progress['stage']} */ (this.#chain.stage);
-    return { done, total, stage, seconds: this.#seconds, stepsPerSecond, fingerprint };
+    const { done, total, ended, converged, fingerprint } = this.#search;
+    return { done, total, ended, converged, seconds: this.#seconds, fingerprint };
   }
 
-  /** Hash over the bits of every accepted state: the same from the same seed on every machine. */
+  /** Hash over the bits of every scene on the way: the same from the same seed on every machine. */
   get fingerprint() {
-    return this.#chain.fingerprint;
+    return this.#search.fingerprint;
   }
 
-  /** Log likelihood by step: `[step, value, step, value, …]`. */
+  /** The energy (negative log posterior density, up to a constant) after every step. @returns {TracePoint[]} */
   get trace() {
-    return this.#chain.trace();
+    const numbers = [...this.#search.trace()];
+    return Array.from({ length: numbers.length / 2 }, (_, i) => ({ level: numbers[2 * i], energy: numbers[2 * i + 1] }));
   }
 
   /** Left, top, width and height of what the fit looks at, pixels of the photo. */
   get crop() {
-    return [...this.#chain.crop];
+    return [...this.#search.crop];
   }
 
-  /** The current state drawn over what the fit looks at. */
-  overlay() {
-    return this.#chain.overlay();
+  /**
+   * The face so far drawn over what the fit looks at.
+   * @param {{ behind?: boolean }} [how] Whether what hides the face is before it.
+   */
+  overlay({ behind = false } = {}) {
+    return this.#search.overlay(behind);
+  }
+
+  /** Where what the fit looks at shows the face (white) and where it does not (black). */
+  mask() {
+    return this.#search.mask();
   }
 
   /**
@@ -204,11 +193,11 @@ export class Fit extends EventTarget {
    * @param {{ model?: string, photo?: string }} [names] File names to mention.
    */
   finish({ model = 'model.3dmm', photo = 'photo.png' } = {}) {
-    return this.#chain.finish(this.#seconds, model, photo);
+    return this.#search.finish(this.#seconds, model, photo);
   }
 
   free() {
-    this.#chain.free();
+    this.#search.free();
   }
 }
 

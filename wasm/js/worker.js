@@ -7,14 +7,13 @@ import { create } from './onescan.js';
 /** @typedef {import('./onescan.js').Progress} Progress */
 /** @typedef {{ vertices: number, shapeRank: number, albedoRank: number, landmarks: string[], provenance: string }} ModelFacts */
 /** @typedef {{ width: number, height: number, picture: ImageBitmap }} PhotoFacts */
-/** @typedef {Progress & { trace: Float64Array, crop: number[], overlay?: ImageBitmap }} LiveProgress */
+/** @typedef {{ overlay: ImageBitmap, behind: ImageBitmap, mask: ImageBitmap }} LivePictures The face over the photo, the same behind what hides it, and the mask. */
+/** @typedef {Progress & { trace: import('./onescan.js').TracePoint[], levels: import('./onescan.js').Level[], crop: number[], pictures?: LivePictures }} LiveProgress */
 /** @typedef {{ yaw: number, pitch: number, width: number, height: number, ground: number }} Camera */
 /** @typedef {{ shape: Float32Array, albedo: Float32Array }} Coefficients */
 
 /** Longest side of the photo that is sent to be shown, pixels. */
 const SHOWN = 1600;
-/** Milliseconds between two pictures of a running fit: showing one takes power from the fit. */
-const FRAME = 250;
 
 const program = create();
 /** @type {import('./onescan.js').Model | undefined} */
@@ -94,15 +93,14 @@ const methods = {
     const job = { model: need(model, 'model'), photo: need(photo, 'photo'), landmarks };
     const running = onescan.fit({ ...job, ...settings });
     fit = running;
-    let shown = -Infinity;
-    running.addEventListener('progress', (event) => {
+    const { levels } = onescan;
+    running.addEventListener('progress', async (event) => {
       const { detail } = /** @type {CustomEvent<Progress>} */ (event);
-      const now = performance.now();
-      if (detail.done < detail.total && now - shown < FRAME) return;
-      shown = now;
-      const progress = { ...detail, trace: running.trace, crop: running.crop };
+      const progress = { ...detail, trace: running.trace, levels, crop: running.crop };
       if (!live) return tell(progress, []);
-      bitmap(running.overlay()).then((overlay) => tell({ ...progress, overlay }, [overlay]));
+      const shown = [running.overlay(), running.overlay({ behind: true }), running.mask()];
+      const [overlay, behind, mask] = await Promise.all(shown.map(bitmap));
+      tell({ ...progress, pictures: { overlay, behind, mask } }, [overlay, behind, mask]);
     });
     try {
       if (!(await running.run())) {

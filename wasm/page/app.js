@@ -162,7 +162,8 @@ async function openPhoto(name, source) {
     throw new Error(`${name}: ${error.message}`);
   });
   Object.assign(state, { photoName: name, hasPhoto: true, fitted: undefined });
-  element('opacity-label', HTMLElement).hidden = true;
+  element('fitted-tools', HTMLElement).hidden = true;
+  element('live', HTMLElement).hidden = true;
   element('numbers', HTMLElement).hidden = true;
   state.skipped.clear();
   editor.open(photo);
@@ -304,6 +305,7 @@ on('zoom-out', () => editor.zoom(1 / 1.4));
 on('zoom-face', () => editor.face());
 on('zoom-whole', () => editor.whole());
 input('opacity').addEventListener('input', () => editor.fade(input('opacity').valueAsNumber));
+input('behind').addEventListener('change', () => editor.behind(input('behind').checked));
 
 // ---- the fit
 
@@ -316,36 +318,22 @@ function whole(id, name) {
   return valueAsNumber;
 }
 
-/** What each stage moves, and by what it is judged. */
-const STAGES = {
-  landmarks: { moves: 'Pose', by: 'landmarks' },
-  shape: { moves: 'Shape', by: 'landmarks' },
-  image: { moves: 'Everything', by: 'the photo' },
-};
-
-/** @type {{ name: string, steps: number }[]} */
-let schedule = [];
-
 client.addEventListener('progress', (event) => {
   const live = /** @type {CustomEvent<import('../js/worker.js').LiveProgress>} */ (event).detail;
-  const { done, total, stage: name, stepsPerSecond, trace, crop, overlay } = live;
-  element('progress', HTMLProgressElement).value = done / Math.max(total, 1);
-  const { moves, by } = STAGES[name];
-  const speed = name === 'image' ? `, ${Math.round(stepsPerSecond)} steps/s` : '';
-  element('speed', HTMLElement).textContent = `${moves} by ${by}: step ${done} of ${total}${speed}`;
-  const chart = element('trace', HTMLCanvasElement);
-  chart.hidden = false;
-  drawTrace(chart, trace, schedule);
-  if (overlay) editor.overlay(overlay, crop);
+  const { done, total, ended, trace, levels, crop, pictures } = live;
+  element('progress', HTMLProgressElement).value = ended ? 1 : done / total;
+  element('speed', HTMLElement).textContent = `Step ${done} of at most ${total}`;
+  element('live', HTMLElement).hidden = false;
+  drawTrace(element('trace', HTMLCanvasElement), trace, levels);
+  if (!pictures) return;
+  const mask = element('mask', HTMLCanvasElement);
+  [mask.width, mask.height] = [pictures.mask.width, pictures.mask.height];
+  context(mask).drawImage(pictures.mask, 0, 0);
+  editor.overlay(pictures, crop);
 });
 
 /** @param {any} job */
 async function runFit(job) {
-  schedule = [
-    { name: STAGES.landmarks.moves, steps: job.landmarkSamples },
-    { name: STAGES.shape.moves, steps: job.shapeSamples },
-    { name: STAGES.image.moves, steps: job.samples },
-  ];
   state.busy = 'fitting';
   refresh();
   try {
@@ -360,15 +348,13 @@ on('fit', async () => {
   const job = {
     landmarks: editor.points.map((point) => ({ ...point })),
     seed: whole('seed', 'Seed'),
-    samples: whole('samples', 'Steps'),
-    landmarkSamples: whole('landmark-samples', 'Landmark steps'),
-    shapeSamples: whole('shape-samples', 'Shape steps'),
     names: { model: state.modelName, photo: state.photoName },
   };
   input('opacity').value = '1';
   editor.fade(1);
   editor.face();
-  say('Fitting. The model starts as the average face and changes step by step.');
+  element('fitted-tools', HTMLElement).hidden = false;
+  say('Fitting. The model starts as the average face and changes step by step, first to a blurred photo.');
   const result = await runFit(job);
   if (!result) {
     say('Cancelled.');
@@ -379,7 +365,6 @@ on('fit', async () => {
   showNumbers(result);
   // They hide what was found.
   input('show-points').checked = false;
-  element('opacity-label', HTMLElement).hidden = false;
   element('numbers', HTMLElement).hidden = false;
   showFace(await client.fitted());
   say('Done. Fade the model over the photo to compare; the face is below, to turn and to change.');
@@ -407,15 +392,15 @@ on('verify', async () => {
 
 /** @param {any} result */
 function showNumbers({ fingerprint, progress, summary }) {
-  const { pixel_rmse: error, landmark_rmse_px: landmarks, accepted, steps, seed } = summary;
+  const { pixel_rmse: error, landmark_rmse_px: landmarks, steps, seed, mode } = summary;
   const percent = (/** @type {number} */ x) => `${(100 * x).toFixed(1)} %`;
   const facts = {
     Seed: String(seed),
     Fingerprint: fingerprint,
     'Colour error': `${percent(error.initial)} → ${percent(error.best)}`,
     'Landmark error': `${landmarks.toFixed(1)} px of a 256 px cut-out`,
-    Steps: `${steps}, ${percent(accepted / Math.max(steps, 1))} accepted`,
-    Time: `${progress.seconds.toFixed(1)} s, ${Math.round(progress.stepsPerSecond)} steps/s with the photo`,
+    Steps: `${steps}, ${mode.converged ? 'converged' : 'not converged'}`,
+    Time: `${progress.seconds.toFixed(1)} s`,
   };
   const items = Object.entries(facts).flatMap(([name, value]) => {
     const [term, definition] = ['dt', 'dd'].map((tag) => document.createElement(tag));

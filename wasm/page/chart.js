@@ -1,13 +1,13 @@
-/** The likelihood's trace: each stage on its own scale, since they measure other things. */
+/** The energy's course: each level on its own scale, since their energies measure other things. */
 
 import { context } from './dom.js';
 
 /**
  * @param {HTMLCanvasElement} canvas
- * @param {ArrayLike<number>} trace Step and value by turns.
- * @param {{ name: string, steps: number }[]} schedule The stages, in order.
+ * @param {import('../js/onescan.js').TracePoint[]} trace
+ * @param {import('../js/onescan.js').Level[]} levels
  */
-export function drawTrace(canvas, trace, schedule) {
+export function drawTrace(canvas, trace, levels) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   canvas.width = Math.round(width * ratio);
@@ -20,32 +20,22 @@ export function drawTrace(canvas, trace, schedule) {
   draw.strokeStyle = style.getPropertyValue('--accent');
   draw.lineWidth = 1.5;
   draw.lineJoin = 'round';
-  const total = schedule.reduce((sum, { steps }) => sum + steps, 0);
-  let last = 0;
-  for (const { name, steps } of schedule) {
-    const first = last;
-    last += steps;
-    const [from, to] = [first, last].map((step) => (step / Math.max(total, 1)) * width);
-    if (first > 0) draw.fillRect(from, 0, 1, height);
-    if (steps === 0) continue;
-    const points = [];
-    for (let i = 0; i < trace.length; i += 2) {
-      // A boundary's own point is the later stage's.
-      if (trace[i] >= first && (trace[i] < last || last === total)) points.push([trace[i], trace[i + 1]]);
-    }
-    draw.fillText(name, from + 4, height - 4, to - from - 8);
-    // The first values are far below all others: they would make a wall and a flat line.
-    const sorted = points.map(([, value]) => value).sort((a, b) => a - b);
-    const [low, high] = [sorted[Math.floor(0.05 * sorted.length)], sorted.at(-1)];
-    if (low === undefined || high === undefined) continue;
-    const y = (/** @type {number} */ value) => {
-      const share = (Math.max(value, low) - low) / Math.max(high - low, 1e-9);
-      return height - 20 - share * (height - 26);
-    };
+  const total = levels.reduce((sum, { steps }) => sum + steps, 0);
+  let steps = 0;
+  levels.forEach(({ blur, steps: own }, level) => {
+    const [from, to] = [steps, steps + own].map((step) => (step / total) * width);
+    steps += own;
+    if (level > 0) draw.fillRect(from, 0, 1, height);
+    draw.fillText(blur > 0 ? `${blur} px` : 'the photo itself', from + 4, height - 4, to - from - 8);
+    const energies = trace.filter((point) => point.level === level).map(({ energy }) => energy);
+    const [low, high] = [Math.min(...energies), Math.max(...energies)];
     draw.beginPath();
-    for (const [step, value] of points) {
-      draw.lineTo(from + ((step - first) / Math.max(last - first, 1)) * (to - from), y(value));
-    }
+    energies.forEach((energy, i) => {
+      const x = from + ((i + 0.5) / own) * (to - from);
+      const y = height - 20 - ((energy - low) / Math.max(high - low, 1e-9)) * (height - 26);
+      draw.lineTo(x, y);
+      if (energies.length === 1) draw.lineTo(x + 1, y);
+    });
     draw.stroke();
-  }
+  });
 }

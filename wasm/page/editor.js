@@ -19,9 +19,10 @@ export class Editor extends EventTarget {
   #photo;
   /** Where the photo's pixel (0, 0) is on the stage, and stage pixels per photo pixel. */
   #view = { x: 0, y: 0, scale: 1 };
-  /** @type {{ picture: ImageBitmap, crop: number[] } | undefined} */
+  /** @type {{ pictures: import('../js/worker.js').LivePictures, crop: number[] } | undefined} */
   #overlay;
   #opacity = 1;
+  #behind = true;
   #locked = false;
   #frame = 0;
   /** What to show again when the stage changes its size. @type {'whole' | 'face' | 'other'} */
@@ -81,10 +82,16 @@ export class Editor extends EventTarget {
     this.#handles.classList.toggle('placing', placing);
   }
 
-  /** Lays a picture over a part of the photo. @param {ImageBitmap} picture @param {number[]} crop */
-  overlay(picture, crop) {
-    this.#overlay?.picture.close();
-    this.#overlay = { picture, crop };
+  /** Lays the face over a part of the photo. @param {import('../js/worker.js').LivePictures} pictures @param {number[]} crop */
+  overlay(pictures, crop) {
+    for (const old of Object.values(this.#overlay?.pictures ?? {})) old.close();
+    this.#overlay = { pictures, crop };
+    this.#draw();
+  }
+
+  /** @param {boolean} behind Whether what hides the face is before it. */
+  behind(behind) {
+    this.#behind = behind;
     this.#draw();
   }
 
@@ -205,7 +212,8 @@ export class Editor extends EventTarget {
     if (this.#overlay) {
       const [left, top, wide, high] = this.#overlay.crop;
       draw.globalAlpha = this.#opacity;
-      draw.drawImage(this.#overlay.picture, left, top, wide, high);
+      const { overlay, behind } = this.#overlay.pictures;
+      draw.drawImage(this.#behind ? behind : overlay, left, top, wide, high);
       draw.globalAlpha = 1;
     }
   }

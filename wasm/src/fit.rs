@@ -1,16 +1,18 @@
-//! A fit that JavaScript drives, some steps at a time.
+//! A fit that JavaScript drives, a step at a time.
 
 use crate::{File, Model, Opened, Photo, Pixels};
 use onescan::error::{Error, Result};
 use onescan::fit::output::{self, Names};
 use onescan::fit::summary::{Summary, hex};
-use onescan::fit::{Job, Observed, Running, Schedule};
+use onescan::fit::{Job, Observed, Searching, most_steps};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
 use onescan::{render, report};
-use onescan_core::chain::{Config, Problem, Stage};
+use onescan_core::chain::{Config, Problem};
 use onescan_core::engine::Engine;
+use onescan_core::scene::MAX_RANK;
+use onescan_core::search::{self, LEVELS};
 use self_cell::{MutBorrow, self_cell};
 use serde::Deserialize;
 use std::rc::Rc;
@@ -22,24 +24,16 @@ use wasm_bindgen::prelude::*;
 struct Settings {
     /// Seed of all randomness.
     seed: u64,
-    /// Steps of the image stage.
-    samples: u32,
-    /// Steps of the landmark stage.
-    landmark_samples: u32,
-    /// Steps of the shape stage, for objects that are no faces.
-    shape_samples: u32,
     /// Standard deviation of a landmark, pixels of the picture the fit looks at.
     landmark_sd: f32,
-    /// Shape coefficients to infer.
-    shape_rank: usize,
-    /// Albedo coefficients to infer.
-    albedo_rank: usize,
+    /// Shape coefficients to infer; all of the model's by default.
+    shape_rank: Option<usize>,
+    /// Albedo coefficients to infer; all of the model's by default.
+    albedo_rank: Option<usize>,
     /// Side of the picture the fit looks at.
     size: u32,
     /// Pixels that share one independent error.
     pixel_patch: f32,
-    /// No search moves.
-    sampler: bool,
 }
 
 impl Default for Settings {
@@ -47,15 +41,11 @@ impl Default for Settings {
         let config = Config::default();
         Self {
             seed: 7,
-            samples: config.samples,
-            landmark_samples: config.landmark_samples,
-            shape_samples: config.shape_samples,
             landmark_sd: config.landmark_sd,
-            shape_rank: config.shape_rank,
-            albedo_rank: config.albedo_rank,
+            shape_rank: None,
+            albedo_rank: None,
             size: Crop::LONGER_SIDE,
             pixel_patch: config.pixel_patch,
-            sampler: !config.search,
         }
     }
 }
@@ -95,7 +85,7 @@ impl Inputs {
     }
 }
 
-// A chain borrows what was made of the inputs, which borrows the inputs.
+// A search borrows what was made of the inputs, which borrows the inputs.
 self_cell!(
     struct Prepared {
         owner: Inputs,
@@ -104,13 +94,13 @@ self_cell!(
     }
 );
 
-type Chain<'a> = Running<'a, 'a>;
+type Search<'a> = Searching<'a, 'a>;
 
 self_cell!(
     struct Started {
         owner: Prepared,
         #[not_covariant]
-        dependent: Chain,
+        dependent: Search,
     }
 );
 
@@ -137,62 +127,75 @@ impl Fit {
 
     /// Makes up to `count` steps; how many it made. 0: the fit is done.
     pub fn step(&mut self, count: u32) -> u32 {
-        self.0.with_dependent_mut(|_, running| {
-            (0..count).take_while(|_| running.step().is_some()).count() as u32
+        self.0.with_dependent_mut(|_, searching| {
+            (0..count).take_while(|_| searching.step().is_some()).count() as u32
         })
     }
 
     /// Steps made.
     #[wasm_bindgen(getter)]
     pub fn done(&self) -> u32 {
-        self.with(|running| running.chain.progress().0)
+        self.with(|searching| searching.search.iterations())
     }
 
-    /// Steps in all.
+    /// The most steps it may make.
     #[wasm_bindgen(getter)]
     pub fn total(&self) -> u32 {
-        self.with(|running| running.chain.progress().1)
+        most_steps() as u32
     }
 
-    /// Steps so far that rendered the model and compared the pictures.
-    #[wasm_bindgen(getter, js_name = imageEvaluated)]
-    pub fn image_evaluated(&self) -> u32 {
-        self.with(|running| running.chain.checkpoint().image_evaluated)
-    }
-
-    /// The stage it is in: `landmarks`, `shape` or `image`.
+    /// Whether it has ended.
     #[wasm_bindgen(getter)]
-    pub fn stage(&self) -> String {
-        let stage = self.with(|running| running.chain.stage());
-        match stage {
-            Stage::Landmarks => "landmarks",
-            Stage::Shape => "shape",
-            Stage::Image => "image",
-        }
-        .into()
+    pub fn ended(&self) -> bool {
+        self.with(|searching| searching.search.done())
     }
 
-    /// Hash over the bits of every accepted state, 16 hexadecimal digits.
+    /// Whether its last steps changed nothing.
+    #[wasm_bindgen(getter)]
+    pub fn converged(&self) -> bool {
+        self.with(|searching| searching.search.converged())
+    }
+
+    /// The levels of every fit, coarse to fine: of each the standard deviation of the photo's blur,
+    /// pixels of the picture the fit looks at, and the most steps, by turns.
+    pub fn levels() -> Vec<f32> {
+        LEVELS.iter().flat_map(|level| [level.blur, level.iterations as f32]).collect()
+    }
+
+    /// Hash over the bits of every scene on the way, 16 hexadecimal digits.
     #[wasm_bindgen(getter)]
     pub fn fingerprint(&self) -> String {
-        self.with(|running| hex(running.chain.fingerprint()))
+        self.with(|searching| hex(searching.search.fingerprint()))
     }
 
-    /// The log likelihood so far: step and value by turns, from the landmark stage to the image's.
+    /// The course so far: of every step its level and the energy after it, by turns. The energy is
+    /// the negative log posterior density up to a constant, which differs from level to level.
     pub fn trace(&self) -> Vec<f64> {
-        self.with(|running| running.trace().iter().flat_map(|&(x, y)| [f64::from(x), y]).collect())
+        self.with(|searching| {
+            let levels = searching.levels().iter().map(|&level| f64::from(level));
+            let energies = searching.trace().iter().map(|&(_, density)| -density);
+            levels.zip(energies).flat_map(|(level, energy)| [level, energy]).collect()
+        })
     }
 
-    /// The current state drawn over the part of the photo the fit looks at.
+    /// The face so far drawn over the part of the photo the fit looks at; `behind` what hides it.
     ///
     /// # Errors
     /// None.
-    pub fn overlay(&self) -> Result<Pixels, JsError> {
-        self.0.with_dependent(|prepared, running| {
+    pub fn overlay(&self, behind: bool) -> Result<Pixels, JsError> {
+        self.0.with_dependent(|prepared, searching| {
             let model = prepared.borrow_owner().model.borrow_dependent();
             let picture = &prepared.borrow_dependent().picture;
-            Ok(Pixels(render::draw_over(model, &running.chain.state().scene, picture)?))
+            let drawn = render::draw_over(model, searching.search.scene(), picture)?;
+            Ok(Pixels(if behind { output::behind(&self.mask().0, picture, &drawn) } else { drawn }))
         })
+    }
+
+    /// The mask so far: white where that part of the photo shows the face, black where something
+    /// hides it or the face does not reach.
+    pub fn mask(&self) -> Pixels {
+        let crop = self.inputs().crop;
+        self.with(|searching| Pixels(output::mask(crop, searching.search.mask())))
     }
 
     /// Left, top, width and height of that part, in pixels of the photo.
@@ -207,13 +210,12 @@ impl Fit {
     /// # Errors
     /// None for a fit that is done.
     pub fn finish(self, seconds: f64, model: String, image: String) -> Result<Fitted, JsError> {
-        let mut run = None;
-        let mut started = self.0;
-        started.with_dependent_mut(|_, running| run = Some(running.end(seconds)));
-        let inputs = started.borrow_owner().borrow_owner();
-        let job = inputs.job();
-        let fit = job.summarize(run.into_iter().collect());
-        let fit = fit.ok_or_else(|| JsError::new("no chain ran"))?;
+        let started = self.0;
+        let job = started.borrow_owner().borrow_owner().job();
+        let fit = started.with_dependent(|prepared, searching| {
+            let problem = prepared.borrow_owner().problem(prepared.borrow_dependent());
+            searching.end(&job, problem, seconds)
+        })?;
         let stem = image.rsplit_once('.').map_or(&*image, |(stem, _)| stem);
         let landmarks = format!("{stem}.tlms");
         let names = Names { model, image, landmarks: landmarks.clone(), mask: None };
@@ -230,8 +232,8 @@ impl Fit {
 }
 
 impl Fit {
-    fn with<T>(&self, look: impl FnOnce(&Chain<'_>) -> T) -> T {
-        self.0.with_dependent(|_, running| look(running))
+    fn with<T>(&self, look: impl FnOnce(&Search<'_>) -> T) -> T {
+        self.0.with_dependent(|_, searching| look(searching))
     }
 
     fn inputs(&self) -> &Inputs {
@@ -252,29 +254,29 @@ fn start(model: &Model, photo: &Photo, landmarks: &str, settings: &str) -> Resul
     }
     let size = [photo.width, photo.height];
     let crop = Crop::around(&points, size, Crop::ENLARGE, settings.size)?;
+    let rank = |given: Option<usize>, all: usize| given.unwrap_or(all.min(MAX_RANK));
+    let view = model.borrow_dependent();
     let config = Config::default().with(|config| {
-        config.shape_rank = settings.shape_rank;
-        config.albedo_rank = settings.albedo_rank;
-        config.landmark_samples = settings.landmark_samples;
-        config.shape_samples = settings.shape_samples;
+        config.shape_rank = rank(settings.shape_rank, view.shape.rank());
+        config.albedo_rank = rank(settings.albedo_rank, view.albedo.rank());
         config.landmark_sd = settings.landmark_sd;
-        config.samples = settings.samples;
         config.pixel_patch = settings.pixel_patch;
-        config.search = !settings.sampler;
+        // There are no steps of a chain.
+        (config.landmark_samples, config.shape_samples, config.samples) = (0, 0, 0);
     });
     let memory = MutBorrow::new(Vec::new());
     let seed = settings.seed;
     let mut inputs = Inputs { model, photo, landmarks, crop, config, seed, memory };
     let words = {
         let observed = inputs.observe()?;
-        inputs.problem(&observed).dimensions().words()
+        search::words(&inputs.problem(&observed))
     };
     inputs.memory = MutBorrow::new(vec![0; words]);
     let prepared = Prepared::try_new(inputs, Inputs::observe)?;
     Started::try_new(prepared, |prepared| {
         let (inputs, observed) = (prepared.borrow_owner(), prepared.borrow_dependent());
         let memory = inputs.memory.borrow_mut();
-        Running::start(inputs.problem(observed), inputs.seed, 0, None, memory)
+        Searching::start(inputs.problem(observed), Options::default(), memory)
     })
 }
 

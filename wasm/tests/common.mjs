@@ -19,6 +19,8 @@ const ONESCAN = process.env.ONESCAN ?? at('../../target/release/onescan');
 
 /** Lines that every target computes. */
 export const golden = (name) => readFileSync(at(`../../fixtures/golden/${name}.txt`), 'utf8');
+/** The fingerprint of a search among them. */
+export const goldenSearch = (name) => /^search (\w+)$/m.exec(golden(name))[1];
 
 /** The page's model. */
 export const model = () => gunzipSync(readFileSync(join(DIST, 'face.3dmm.gz')));
@@ -27,7 +29,9 @@ export const model = () => gunzipSync(readFileSync(join(DIST, 'face.3dmm.gz')));
 export function native(modelFile, photo, options = []) {
   const out = join(OUT, `native-${photo}`);
   const landmarks = join(PHOTOS, photo.replace(/\.\w+$/, '.tlms'));
-  const fit = ['--quiet', 'fit', modelFile, join(PHOTOS, photo), '--landmarks', landmarks, '--schedule', 'paper', '-o', out];
+  const fit = ['--quiet', 'fit', modelFile, join(PHOTOS, photo), '--landmarks', landmarks, '-o', out];
+  // All components: what JavaScript takes by default.
+  fit.push('--schedule', 'mode', '--shape-rank', '200', '--albedo-rank', '200');
   execFileSync(ONESCAN, [...fit, ...options], { stdio: 'inherit' });
   return JSON.parse(readFileSync(join(out, 'fit.json'), 'utf8'));
 }

@@ -5,7 +5,7 @@ import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import test, { after, before } from 'node:test';
-import { OUT, PHOTOS, golden, model, native, open } from './common.mjs';
+import { OUT, PHOTOS, golden, goldenSearch, model, native, open } from './common.mjs';
 import { compare, lines } from '../../tests/wasm/stages.mjs';
 
 const DESKTOP = { width: 1280, height: 900 };
@@ -89,9 +89,9 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   await shot(page, 'landmarks');
 
   await site.browser.startTracing(page, { categories: ['toplevel'] });
-  const before = performance.now();
+  const start = performance.now();
   await page.click('#fit');
-  await page.waitForFunction(() => document.getElementById('speed').textContent.includes('steps/s'));
+  await page.waitForFunction(() => /^Step [1-9]/.test(document.getElementById('speed').textContent));
   await page.click('#pause');
   await page.locator('#pause', { hasText: 'Resume' }).waitFor();
   const paused = await page.locator('#speed').innerText();
@@ -99,7 +99,7 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   assert.equal(await page.locator('#speed').innerText(), paused);
   await page.click('#pause');
   await said(page, 'Done', 120_000);
-  const seconds = (performance.now() - before) / 1000;
+  const seconds = (performance.now() - start) / 1000;
   const longest = longestTask(JSON.parse(await site.browser.stopTracing()).traceEvents);
 
   const summary = JSON.parse((await download(page, '[data-save="fit.json"]')).bytes);
@@ -111,9 +111,18 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   assert.ok((await page.locator('#facts').innerText()).includes(expected.fingerprint));
   const ratio = summary.steps_per_second / expected.steps_per_second;
   console.log(
-    `browser ${summary.steps_per_second.toFixed(0)} steps/s, native ${expected.steps_per_second.toFixed(0)}: ` +
+    `browser ${summary.steps_per_second.toFixed(1)} steps/s, native ${expected.steps_per_second.toFixed(1)}: ` +
       `${ratio.toFixed(2)}; ${seconds.toFixed(1)} s in all; longest task of the page ${longest.toFixed(1)} ms`,
   );
+  // Her hair is before the face, so the switch changes something, and the mask is neither white nor black.
+  const before = await look(page, 'photo');
+  await page.uncheck('#behind');
+  await page.waitForTimeout(300);
+  assert.ok(difference(before, await look(page, 'photo')) > 0.05, 'the switch shows what is behind');
+  await shot(page, 'done-whole');
+  await page.check('#behind');
+  const mask = await look(page, 'mask');
+  assert.ok(mask.some((x, i) => i % 4 < 3 && x < 30) && mask.some((x, i) => i % 4 < 3 && x > 225));
   await shot(page, 'done');
 
   const frontal = await look(page, 'view');
@@ -182,7 +191,7 @@ test('Chromium computes the golden stages and fits', { timeout: 300_000 }, async
   await page.click('#fit');
   await said(page, 'Done', 120_000);
   const { fingerprint } = JSON.parse((await download(page, '[data-save="fit.json"]')).bytes);
-  assert.equal(`fingerprint ${fingerprint}`, golden('full').trim());
+  assert.equal(fingerprint, goldenSearch('full'));
   await close();
 });
 
@@ -208,9 +217,6 @@ test('the page is seen before the model is there', async () => {
 test('a phone: landmarks are found, moved by keys, and the fit runs', { timeout: 300_000 }, async () => {
   const { page, faults, close } = await visit(PHONE);
   await ready(page);
-  await page.locator('summary').click();
-  await page.fill('#samples', '400');
-  await page.locator('summary').click();
   await page.setInputFiles('#file', join(PHOTOS, 'obama.jpg'));
   await said(page, 'Found them');
   assert.equal(await page.locator('#handles g').count(), 16);
@@ -273,7 +279,7 @@ test('a running fit is cancelled, and the page goes on', { timeout: 120_000 }, a
   await page.click('[data-sample="astronaut.png"]');
   await said(page, 'Press Fit');
   await page.click('#fit');
-  await page.waitForFunction(() => document.getElementById('progress').value > 0.6);
+  await page.waitForFunction(() => document.getElementById('progress').value > 0.2);
   await page.click('#pause');
   await shot(page, 'fitting');
   await page.click('#cancel');

@@ -6,6 +6,9 @@ use crate::shell::{cargo, root, run as sh, target};
 use std::fs;
 use std::path::PathBuf;
 
+/// Of the golden lines, those that say most: the chain's fingerprint and the search's.
+pub(crate) const FITS: [&str; 2] = ["fingerprint", "search"];
+
 /// What tests/tests/golden.rs and device.rs look at: they write what they otherwise compare.
 const WRITE: &str = "ONESCAN_GOLDEN";
 
@@ -52,23 +55,31 @@ impl Case {
         Ok(place)
     }
 
-    /// The file of golden lines, the last of which is the fingerprint.
+    /// The file of golden lines: a name and a hash each.
     pub(crate) fn golden(self) -> PathBuf {
         let name = if self == Self::Small { "device.txt" } else { "full.txt" };
         root().join("fixtures/golden").join(name)
     }
 
-    /// Compares a fingerprint's line.
-    pub(crate) fn compare(self, who: &str, found: &str) -> Outcome {
+    /// Compares lines with the golden ones of their names; at least those called `names` must be
+    /// there.
+    pub(crate) fn compare(self, who: &str, names: &[&str], found: &str) -> Outcome {
         let path = self.golden();
         let golden = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-        let (found, expected) = (found.trim_end(), golden.lines().last().unwrap_or_default());
-        let size = if self == Self::Small { "small" } else { "full" };
-        println!("{who:18} {size:5} {found}");
-        if found == expected {
-            Ok(())
-        } else {
-            Err(format!("{who} computes {found}, every other target {expected}"))
+        let name = |line: &str| line.split(' ').next().unwrap_or_default().to_owned();
+        for line in found.lines() {
+            let expected = golden.lines().find(|expected| name(expected) == name(line));
+            if expected != Some(line) {
+                let expected = expected.unwrap_or("nothing of that name");
+                return Err(format!("{who} computes {line}, every other target {expected}"));
+            }
         }
+        let size = if self == Self::Small { "small" } else { "full" };
+        for wanted in names {
+            let line = found.lines().find(|line| name(line) == *wanted);
+            let line = line.ok_or_else(|| format!("{who} says nothing of {wanted}"))?;
+            println!("{who:18} {size:5} {line}");
+        }
+        Ok(())
     }
 }

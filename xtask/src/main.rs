@@ -45,7 +45,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "determinism",
         usage: "determinism",
-        about: "one small fit by debug, release, native and WebAssembly builds: equal fingerprints",
+        about: "the golden fits by debug, native, WebAssembly and emulated builds: equal fingerprints",
         run: determinism::run,
     },
     Command {
@@ -63,7 +63,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "device",
         usage: "device",
-        about: "a fit on an emulated Cortex-M7: golden bits, within 256 KB of RAM and 512 of flash",
+        about: "fits on an emulated Cortex-M7: golden bits, within 256 KB of RAM and 512 of flash",
         run: device::run,
     },
     Command {

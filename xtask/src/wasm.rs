@@ -1,7 +1,7 @@
 //! The golden cases in WebAssembly, scalar and SIMD, run by Node.
 
 use crate::Outcome;
-use crate::golden::Case;
+use crate::golden::{Case, FITS};
 use crate::shell::{command, output, root, target};
 use crate::targets::{BARE, Cross, install};
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub(crate) fn check() -> Outcome {
                 .arg(self::stages(kind, flags)?)
                 .arg(Case::Small.golden()),
         );
-        Case::Small.compare(&name, &stages.map_err(|e| format!("{name}: {e}"))?)?;
+        Case::Small.compare(&name, &FITS, &stages.map_err(|e| format!("{name}: {e}"))?)?;
         let library = build(
             &root().join("c"),
             // Of the library only: a crate type is no concern of its dependencies.
@@ -40,7 +40,7 @@ pub(crate) fn check() -> Outcome {
             if case == Case::Small {
                 node.arg("small");
             }
-            case.compare(&format!("{name} C"), &output(&mut node)?)?;
+            case.compare(&format!("{name} C"), &FITS, &output(&mut node)?)?;
         }
     }
     Ok(())

@@ -45,12 +45,13 @@ impl ModeSearch<'_, '_> {
     /// Adds `−∂E/∂x` of the image term to the gradient.
     #[inline(never)]
     pub(super) fn add_gradient(&mut self, shading: &Shading) {
+        self.in_passing(|search, memory| search.add_gradient_in(memory, shading));
+    }
+
+    fn add_gradient_in(&mut self, memory: &mut [f32], shading: &Shading) {
+        let Some(costs) = Costs::new(self.problem.model.vertices(), memory) else { return };
         let width = self.problem.image.width as usize;
         let unit = self.pixel_weight();
-        let Costs { normals, albedo, positions } = &mut self.costs;
-        normals.fill([0.0; 4]);
-        albedo.fill([0.0; 4]);
-        positions.fill([0.0; 4]);
         let mut light = [[0.0_f64; 3]; 9];
         let mut color = [0.0_f64; COLOR];
         for y in self.frame.rows() {
@@ -71,9 +72,9 @@ impl ModeSearch<'_, '_> {
                             *to = [to[0] + w * x, to[1] + w * y, to[2] + w * z, 0.0];
                         }
                     };
-                    put(self.costs.normals.get_mut(vertex), adjoint.normal);
-                    put(self.costs.albedo.get_mut(vertex), adjoint.albedo);
-                    put(self.costs.positions.get_mut(vertex), [motion[0], motion[1], 0.0]);
+                    put(costs.normals.get_mut(vertex), adjoint.normal);
+                    put(costs.albedo.get_mut(vertex), adjoint.albedo);
+                    put(costs.positions.get_mut(vertex), [motion[0], motion[1], 0.0]);
                 }
                 for (sum, y) in light.iter_mut().zip(adjoint.harmonics) {
                     for (sum, r) in sum.iter_mut().zip(adjoint.radiance) {
@@ -87,7 +88,7 @@ impl ModeSearch<'_, '_> {
         }
         let mut pose = [0.0_f64; POSE];
         let view = Window::new(&self.scene);
-        for (v, cost) in self.costs.positions.iter_mut().enumerate() {
+        for (v, cost) in costs.positions.iter_mut().enumerate() {
             let [x, y, ..] = *cost;
             if x != 0.0 || y != 0.0 {
                 let (moved, by_pose) = view.adjoint(xyz(at(self.surface.positions, v)), [x, y]);
@@ -98,7 +99,7 @@ impl ModeSearch<'_, '_> {
             }
         }
         for v in 0..self.problem.model.vertices() {
-            let cost = xyz(at(self.costs.normals, v));
+            let cost = xyz(at(costs.normals, v));
             if cost == [0.0; 3] {
                 continue;
             }
@@ -106,7 +107,7 @@ impl ModeSearch<'_, '_> {
             for (sum, t) in pose.iter_mut().zip(turned) {
                 *sum += f64::from(t);
             }
-            let positions = &mut *self.costs.positions;
+            let positions = &mut *costs.positions;
             self.surface.normal_adjoint(self.problem.model, v, [cost], |vertex, [cost]| {
                 if let Some(to) = positions.get_mut(vertex) {
                     *to = [to[0] + cost[0], to[1] + cost[1], to[2] + cost[2], 0.0];
@@ -119,8 +120,8 @@ impl ModeSearch<'_, '_> {
             *g += p as f32;
         }
         let transposed = self.problem.engine.transposed;
-        transposed(&model.shape, self.costs.positions, parts.shape);
-        transposed(&model.albedo, self.costs.albedo, parts.albedo);
+        transposed(&model.shape, costs.positions, parts.shape);
+        transposed(&model.albedo, costs.albedo, parts.albedo);
         for (g, l) in parts.light.as_flattened_mut().iter_mut().zip(light.as_flattened()) {
             *g += *l as f32;
         }

@@ -48,22 +48,22 @@ impl ModeSearch<'_, '_> {
             let (x, y) = (i % width.max(1), i / width.max(1));
             frame.hit(x, y).is_none()
         };
-        // The equations are not in use yet.
         let ln = &mut *self.planes.ln_background;
         ln.fill(0.0);
-        let scratch = &mut *self.system;
-        if let Some(histogram) = scratch.get_mut(..HISTOGRAM_LEN) {
+        if let Some(histogram) = self.passing.get_mut(..HISTOGRAM_LEN) {
             picture::ln_background(self.problem.image.pixels, outside, histogram, ln);
         }
     }
 
     /// Compares what has been rendered of a scene with the photo: fills mask and weights, and gives
-    /// the image term. Infinite if the scene covers nothing.
+    /// the image term; `None` if the scene shows nothing. `memory` has room for three planes.
     #[inline(never)]
-    pub(super) fn compare(&mut self, scene: &Scene) -> f64 {
+    pub(super) fn compare(&mut self, scene: &Scene, memory: &mut [f32]) -> Option<f64> {
+        let pixels = self.planes.mask.len();
+        let (ratios, rest) = memory.split_at_mut_checked(pixels)?;
+        let (near, spare) = rest.split_at_mut_checked(pixels)?;
         let width = self.problem.image.width as usize;
-        let covered = self.compare_pixels(scene);
-        let Planes { scratch: [ratios, near, spare], .. } = &mut self.planes;
+        let covered = self.compare_pixels(scene, ratios, near);
         picture::blur(ratios, spare, width, COHERENCE);
         picture::blur(near, spare, width, COHERENCE);
         let (mut sum, mut says, mut visible) = (0.0, 0.0, 0.0);
@@ -73,8 +73,7 @@ impl ModeSearch<'_, '_> {
                 let Some(hit) = self.frame.hit(x, y) else { continue };
                 let index = y * width + x;
                 let hidden = f64::from(self.hidden(&hit));
-                let Planes { weights, scratch: [ratios, near, _], .. } = &mut self.planes;
-                let say = at(weights, index);
+                let say = at(self.planes.weights, index);
                 let around = at(near, index).max(1e-6);
                 let ratio = f64::from(at(ratios, index) / around);
                 // Something else against the face.
@@ -92,35 +91,35 @@ impl ModeSearch<'_, '_> {
             visible += row_visible;
         }
         if !(says > 0.0) {
-            return f64::INFINITY;
+            return None;
         }
         if self.expected == 0.0 {
             self.expected = says;
         }
         self.seen = (covered, visible);
         let share = self.expected / says;
-        let Planes { mask, weights, scratch: [masks, near, spare], .. } = &mut self.planes;
         picture::blur(near, spare, width, COHERENCE);
+        let Planes { mask, weights, .. } = &mut self.planes;
         for ((weight, mask), (near, visible)) in
-            weights.iter_mut().zip(mask.iter_mut()).zip(near.iter().zip(&**masks))
+            weights.iter_mut().zip(mask.iter_mut()).zip(near.iter().zip(&*ratios))
         {
             *weight *= near * *mask * share;
             *mask = if *mask > 0.0 { *visible } else { 0.0 };
         }
-        -sum * f64::from(share / self.problem.config.pixel_patch)
+        Some(-sum * f64::from(share / self.problem.config.pixel_patch))
     }
 
     /// Fills the weights with what the covered pixels have to say, the mask with the share of the
-    /// face in it, and two scratch planes with `ωℓ` and `ω`; gives the number of covered pixels.
-    fn compare_pixels(&mut self, scene: &Scene) -> usize {
+    /// face in it, and two planes with `ωℓ` and `ω`; gives the number of covered pixels.
+    fn compare_pixels(&mut self, scene: &Scene, ratios: &mut [f32], near: &mut [f32]) -> usize {
         let width = self.problem.image.width as usize;
         let sd = self.sd();
         let k = 1.0 / (2.0 * sd * sd);
         let normaliser = ln_normaliser(f64::from(sd)) as f32;
         let shading = Shading::new(scene);
         let occlusion = self.options.occlusion;
-        let Planes { mask, weights, scratch: [ratios, near, _], .. } = &mut self.planes;
-        for plane in [mask, weights, ratios, near] {
+        let Planes { mask, weights, .. } = &mut self.planes;
+        for plane in [&mut **mask, weights, ratios, near] {
             plane.fill(0.0);
         }
         let mut covered = 0;
@@ -135,7 +134,7 @@ impl ModeSearch<'_, '_> {
                 let anything = if occlusion { math::exp(-HOPELESS - ratio) } else { 0.0 };
                 let facing = shading.facing(&point) * (1.0 / FACING);
                 let say = self.options.open_at(index) * facing.clamp(0.0, 1.0);
-                let Planes { mask, weights, scratch: [ratios, near, _], .. } = &mut self.planes;
+                let Planes { mask, weights, .. } = &mut self.planes;
                 set(ratios, index, say * (ratio + math::ln(1.0 + anything)) as f32);
                 set(near, index, say);
                 set(weights, index, say);

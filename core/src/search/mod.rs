@@ -31,12 +31,12 @@ mod vector;
 mod window;
 
 use crate::chain::{ChainError, Problem};
-use crate::least_squares::System;
+use crate::least_squares::{System, system_words};
 use crate::scene::Scene;
 use core::f32::consts::{FRAC_PI_2, PI};
 pub use curvature::SAMPLES;
 use shading::Shading;
-pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words};
+pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words, words_for};
 use surface::at;
 use unknowns::{Layout, advance};
 
@@ -152,11 +152,12 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let layout = Layout { shape_rank: 0, albedo_rank: 0 };
         let n = layout.len();
         let priors = self.priors();
-        let mut system = System::new(n, self.problem.engine.normal_equations, self.system)?;
+        let (equations, matrix) = self.passing.split_at_mut_checked(system_words(n))?;
+        let mut system = System::new(n, self.problem.engine.normal_equations, equations)?;
         let (model, sd) = (self.problem.model, self.problem.config.landmark_sd);
         landmarks::add_equations(model, &self.landmarks, scene, sd, &mut [], &mut system);
         priors.add(scene, layout, &mut system);
-        system.solve_damped(lambda, pose_damping, self.matrix, self.step)?;
+        system.solve_damped(lambda, pose_damping, matrix, self.step)?;
         advance(scene, &layout.split(self.step)?);
         Some(())
     }
@@ -175,7 +176,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             for (value, pixel) in plane.iter_mut().zip(self.problem.image.pixels) {
                 *value = f32::from(at(pixel, c)) / 255.0;
             }
-            picture::blur(plane, self.planes.scratch[0], width, blur);
+            picture::blur(plane, self.passing, width, blur);
         }
     }
 
@@ -186,7 +187,8 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         }
         if !self.judged {
             self.render();
-            self.energy = self.evaluate(&self.scene.clone());
+            let scene = self.scene.clone();
+            self.energy = self.in_passing(|search, memory| search.evaluate(&scene, memory));
         }
         let before = self.energy;
         let (covered, visible) = self.seen;
@@ -214,10 +216,10 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         Some(Iteration { level, before, after, damping: self.damping, covered, visible })
     }
 
-    /// Energy of a scene that has been rendered.
-    fn evaluate(&mut self, scene: &Scene) -> Energy {
+    /// Energy of a scene that has been rendered; infinite if nothing of it is seen.
+    fn evaluate(&mut self, scene: &Scene, memory: &mut [f32]) -> Energy {
         Energy {
-            image: self.compare(scene),
+            image: self.compare(scene, memory).unwrap_or(f64::INFINITY),
             landmarks: self.landmark_energy(scene),
             prior: self.priors().energy(scene),
         }
@@ -237,21 +239,27 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         covered: usize,
         before: Energy,
     ) -> Option<(Scene, Energy)> {
-        let words = core::mem::take(&mut self.system);
-        let found = self.descend_in(words, shading, covered, before);
-        self.system = words;
-        found
+        self.in_passing(|search, memory| search.descend_in(memory, shading, covered, before))
+    }
+
+    /// Hands out the memory of what is needed in passing.
+    fn in_passing<T>(&mut self, f: impl FnOnce(&mut Self, &mut [f32]) -> T) -> T {
+        let memory = core::mem::take(&mut self.passing);
+        let result = f(self, memory);
+        self.passing = memory;
+        result
     }
 
     fn descend_in(
         &mut self,
-        words: &mut [f32],
+        memory: &mut [f32],
         shading: &Shading,
         covered: usize,
         before: Energy,
     ) -> Option<(Scene, Energy)> {
         let n = self.layout.len();
-        let mut system = System::new(n, self.problem.engine.normal_equations, words)?;
+        let (equations, matrix) = memory.split_at_mut_checked(system_words(n))?;
+        let mut system = System::new(n, self.problem.engine.normal_equations, equations)?;
         self.add_curvature(shading, covered, &mut system);
         landmarks::add_equations(
             self.problem.model,
@@ -268,11 +276,11 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             if light.contains(&i) { 1.0 } else { pose_damping(i) }
         };
         for _ in 0..TRIES {
-            if system.solve_damped(self.damping, damping, self.matrix, self.step).is_some() {
+            if system.solve_damped(self.damping, damping, matrix, self.step).is_some() {
                 let mut scene = self.scene.clone();
                 advance(&mut scene, &self.layout.split(self.step)?);
                 self.render_other(&scene);
-                let after = self.evaluate(&scene);
+                let after = self.evaluate(&scene, matrix);
                 if after.total() < before.total() {
                     self.damping = (0.25 * self.damping).max(1e-5);
                     return Some((scene, after));

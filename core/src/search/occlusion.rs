@@ -34,7 +34,7 @@ impl Hiding {
         let face = || {
             let brows = model
                 .landmarks()
-                .filter(|(name, _)| name.contains("eyebrow") && name.contains("upper"))
+                .filter(|(name, _)| contains(name, "eyebrow") && contains(name, "upper"))
                 .map(|(_, vertex)| model.shape.mean_at(vertex as usize)[1])
                 .reduce(math::more)?;
             let [left, right] = [place("left.eye.corner_outer")?, place("right.eye.corner_outer")?];
@@ -58,6 +58,14 @@ impl Hiding {
 pub(super) fn mapped(map: &[u8], corners: [usize; 3], weights: Vec3) -> f32 {
     let at = |v: usize| map.get(v).map_or(0.5, |&e| f32::from(e) / 255.0);
     dot(corners.map(at), weights).clamp(SURE, 1.0 - SURE)
+}
+
+/// Like `str`'s own, which is quicker, larger, and has paths to a panic.
+fn contains(name: &str, word: &str) -> bool {
+    let starts = 0..=name.len().saturating_sub(word.len());
+    starts.into_iter().any(|start| {
+        name.as_bytes().get(start..).is_some_and(|rest| rest.starts_with(word.as_bytes()))
+    })
 }
 
 #[cfg(test)]

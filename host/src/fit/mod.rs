@@ -1,8 +1,8 @@
 //! Fitting a model to a photo: cut the face out, run the chains, keep the best state.
 
 pub mod checkpoint;
-pub mod landmarks;
 #[cfg(feature = "full")]
+pub mod landmarks;
 mod mode;
 pub mod output;
 #[cfg(feature = "full")]
@@ -25,6 +25,7 @@ use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
+pub use mode::{Searching, most_steps};
 #[cfg(feature = "full")]
 pub use parallel::{Control, Ending};
 pub use schedule::Schedule;

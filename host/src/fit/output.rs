@@ -200,20 +200,30 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary) -> Result<Pictures> {
 
 /// The mask as a picture, and the model behind what it holds to be no face.
 fn masked(crop: Crop, mask: &[f32], photo: &Picture, on_photo: &Picture) -> Masked {
-    let [width, height] = crop.scaled_to;
-    let grey: Vec<[f32; 3]> = mask.iter().map(|&m| [m; 3]).collect();
-    let mask = Picture::from_unit(width, height, &grey).resized(photo.width, photo.height);
-    let behind = Picture::from_fn(photo.width, photo.height, |x, y| {
+    let mask = self::mask(crop, mask).resized(photo.width, photo.height);
+    let behind = behind(&mask, photo, on_photo);
+    Masked { mask, behind }
+}
+
+/// The photo with the model behind what the mask holds to be no face; all three of one size.
+pub fn behind(mask: &Picture, photo: &Picture, on_photo: &Picture) -> Picture {
+    Picture::from_fn(photo.width, photo.height, |x, y| {
         let [face, model, before] =
-            [&mask, on_photo, photo].map(|picture| picture.pixel(x, y).unwrap_or_default());
+            [mask, on_photo, photo].map(|picture| picture.pixel(x, y).unwrap_or_default());
         // A soft edge about one half, for the eye.
         let share = (2.0 * f32::from(face[0]) / 255.0 - 0.5).clamp(0.0, 1.0);
         std::array::from_fn(|c| {
             let [model, before] = [model[c], before[c]].map(f32::from);
             (before + share * (model - before)).round() as u8
         })
-    });
-    Masked { mask, behind }
+    })
+}
+
+/// A search's mask as a grey picture of its crop.
+pub fn mask(crop: Crop, mask: &[f32]) -> Picture {
+    let [width, height] = crop.scaled_to;
+    let grey: Vec<[f32; 3]> = mask.iter().map(|&m| [m; 3]).collect();
+    Picture::from_unit(width, height, &grey)
 }
 
 fn marked(

@@ -1,7 +1,9 @@
-//! One small fit for every target: the same inputs from flash or memory, the same bits out.
+//! One small fit for every target: the same inputs from flash or memory, the same bits out. Once by
+//! a chain, and once more as a search for the mode.
 //!
 //! The inputs are fixtures/device, which `cargo xtask golden --device` makes: a decimated face
-//! model of 30 + 30 components and a 64 × 64 photo.
+//! model of 30 + 30 components, a 64 × 64 photo, and the same of half the size for the search,
+//! which needs more memory and infers 20 + 20.
 
 #![no_std]
 #![forbid(unsafe_code)]
@@ -20,12 +22,17 @@ use onescan_core::render::shade::{Shader, set_albedo, set_normals};
 use onescan_core::render::{draw, draw_words, rasterize};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
+use onescan_core::search::{ModeSearch, Options, words_for};
 
 /// Side of the photo, pixels.
 pub const SIDE: usize = 64;
 const PIXELS: usize = SIDE * SIDE;
+/// Side of the photo the search looks at.
+pub const HALF_SIDE: usize = SIDE / 2;
 /// Components of shape and of albedo.
 pub const RANK: usize = 30;
+/// Those the search infers: its memory has to leave a microcontroller's stack its room.
+pub const SEARCH_RANK: usize = 20;
 const SEED: u64 = 7;
 
 /// Model bytes must start at a multiple of four.
@@ -33,42 +40,100 @@ const SEED: u64 = 7;
 struct Aligned<B: ?Sized>(B);
 
 static MODEL: &Aligned<[u8]> = &Aligned(*include_bytes!("../../../fixtures/device/face.3dmm"));
-/// A binary PPM.
-static PHOTO: &[u8] = include_bytes!("../../../fixtures/device/photo.ppm");
-const PPM_HEADER: usize = b"P6\n64 64\n255\n".len();
-static LANDMARKS: &[(&str, [f32; 2])] = include!(concat!(env!("OUT_DIR"), "/landmarks.rs"));
 
-/// Where a model's header has its number of vertices.
-const VERTICES_AT: usize = 12;
-const VERTICES: usize = {
-    let Aligned(bytes) = MODEL;
-    let [a, b, c, d] = [
-        bytes[VERTICES_AT],
-        bytes[VERTICES_AT + 1],
-        bytes[VERTICES_AT + 2],
-        bytes[VERTICES_AT + 3],
-    ];
-    u32::from_le_bytes([a, b, c, d]) as usize
+/// A photo with landmarks.
+struct Photo {
+    side: usize,
+    /// A binary PPM.
+    ppm: &'static [u8],
+    /// Components of shape and of albedo to infer from it.
+    rank: usize,
+    landmarks: &'static [(&'static str, [f32; 2])],
+}
+
+static PHOTO: Photo = Photo {
+    side: SIDE,
+    ppm: include_bytes!("../../../fixtures/device/photo.ppm"),
+    rank: RANK,
+    landmarks: include!(concat!(env!("OUT_DIR"), "/photo.rs")),
 };
+static HALF: Photo = Photo {
+    side: HALF_SIDE,
+    ppm: include_bytes!("../../../fixtures/device/half.ppm"),
+    rank: SEARCH_RANK,
+    landmarks: include!(concat!(env!("OUT_DIR"), "/half.rs")),
+};
+const PPM_HEADER: usize = b"P6\n64 64\n255\n".len();
+
+impl Photo {
+    fn pixels(&self) -> Option<&'static [[u8; 3]]> {
+        Some(self.ppm.get(PPM_HEADER..)?.as_chunks().0)
+    }
+
+    /// Calls `solve` with the problem of fitting the model to it.
+    fn pose<T>(&self, engine: &Engine, solve: impl FnOnce(Problem<'_>) -> Option<T>) -> Option<T> {
+        let model = model()?;
+        let config = Config::default().with(|config| {
+            config.shape_rank = self.rank;
+            config.albedo_rank = self.rank;
+            config.landmark_samples = 1000;
+            config.samples = 2000;
+            config.landmark_sd = 1.0;
+            config.pixel_patch = 5.0;
+        });
+        let landmarks: [Observation<'_>; MAX_LANDMARKS] = core::array::from_fn(|i| {
+            let (name, position) = self.landmarks.get(i).copied().unwrap_or_default();
+            Observation { name, position }
+        });
+        let side = self.side as u32;
+        let image = Image { pixels: self.pixels()?, width: side, height: side };
+        let landmarks = landmarks.get(..self.landmarks.len())?;
+        solve(Problem::new(&model, image, landmarks, &config).with_engine(engine))
+    }
+
+    const fn dimensions(&self) -> Dimensions {
+        Dimensions {
+            vertices: header(12),
+            shape_rank: self.rank,
+            albedo_rank: self.rank,
+            landmarks: self.landmarks.len(),
+            width: self.side,
+            height: self.side,
+            lean: true,
+        }
+    }
+}
+
+/// A number in the model's header.
+const fn header(at: usize) -> usize {
+    let Aligned(bytes) = MODEL;
+    let [a, b, c, d] = [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]];
+    u32::from_le_bytes([a, b, c, d]) as usize
+}
+
+const VERTICES: usize = header(12);
+const TRIANGLES: usize = header(32);
 
 /// The most landmarks the photo may have.
 const MAX_LANDMARKS: usize = 48;
-const _: () = assert!(LANDMARKS.len() <= MAX_LANDMARKS);
+const _: () = assert!(PHOTO.landmarks.len() <= MAX_LANDMARKS);
+const _: () = assert!(HALF.landmarks.len() <= MAX_LANDMARKS);
 
-/// Memory of a whole case, words.
+/// Memory of the chain and what is drawn after it, words.
 pub const WORDS: usize = {
-    let dimensions = Dimensions {
-        vertices: VERTICES,
-        shape_rank: RANK,
-        albedo_rank: RANK,
-        landmarks: LANDMARKS.len(),
-        width: SIDE,
-        height: SIDE,
-        lean: true,
-    };
-    let (fit, picture) = (dimensions.words(), draw_words(VERTICES, SIDE, SIDE) + 3 * PIXELS);
+    let (fit, picture) = (PHOTO.dimensions().words(), picture_words(&PHOTO));
     if fit > picture { fit } else { picture }
 };
+
+/// Memory of the search and what is drawn after it, words.
+pub const SEARCH_WORDS: usize = {
+    let (search, picture) = (words_for(&HALF.dimensions(), TRIANGLES), picture_words(&HALF));
+    if search > picture { search } else { picture }
+};
+
+const fn picture_words(photo: &Photo) -> usize {
+    draw_words(VERTICES, photo.side, photo.side) + 3 * photo.side * photo.side
+}
 
 /// What a fit came to.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,6 +146,19 @@ pub struct Fitted {
     pub scene: Scene,
 }
 
+/// What a search came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// Hash of every scene on the way.
+    pub fingerprint: u64,
+    /// Hash of the mask.
+    pub mask: u64,
+    /// Iterations.
+    pub iterations: u32,
+    /// The mode.
+    pub scene: Scene,
+}
+
 /// The model; `None` if the fixture is damaged.
 pub fn model() -> Option<Model<'static>> {
     Model::new_checked(&MODEL.0).ok()
@@ -90,46 +168,69 @@ pub fn model() -> Option<Model<'static>> {
 /// is too short.
 #[inline(never)]
 pub fn fit(memory: &mut [u32], engine: &Engine, lean: bool) -> Option<Fitted> {
-    let model = model()?;
-    let config = Config::default().with(|config| {
-        config.shape_rank = RANK;
-        config.albedo_rank = RANK;
-        config.landmark_samples = 1000;
-        config.samples = 2000;
-        config.landmark_sd = 1.0;
-        config.pixel_patch = 5.0;
-    });
-    let landmarks: [Observation<'_>; MAX_LANDMARKS] = core::array::from_fn(|i| {
-        let (name, position) = LANDMARKS.get(i).copied().unwrap_or_default();
-        Observation { name, position }
-    });
-    let pixels = PHOTO.get(PPM_HEADER..)?.as_chunks().0;
-    let image = Image { pixels, width: SIDE as u32, height: SIDE as u32 };
-    let landmarks = landmarks.get(..LANDMARKS.len())?;
-    let problem =
-        Problem::new(&model, image, landmarks, &config).with_engine(engine).with_lean(lean);
-    // Not moved out of the result: it is large.
-    let mut chain = Chain::new(problem, SEED, 0, memory);
-    let chain = chain.as_mut().ok()?;
-    while chain.step().is_some() {}
-    let scene = chain.best().scene.clone();
-    let quality = chain.quality(&scene);
-    Some(Fitted { fingerprint: chain.fingerprint(), quality, scene })
+    PHOTO.pose(engine, |problem| {
+        // Not moved out of the result: it is large.
+        let mut chain = Chain::new(problem.with_lean(lean), SEED, 0, memory);
+        let chain = chain.as_mut().ok()?;
+        while chain.step().is_some() {}
+        let scene = chain.best().scene.clone();
+        let quality = chain.quality(&scene);
+        Some(Fitted { fingerprint: chain.fingerprint(), quality, scene })
+    })
 }
 
-/// Draws the model under a hypothesis on the photo and hands the picture to `show`, rows of
-/// [`SIDE`] colours. `None` if `memory` is shorter than [`WORDS`].
+/// Searches for the mode, given the photo of half the size, in `memory` of [`SEARCH_WORDS`]. `None`
+/// if it is too short.
+#[inline(never)]
+pub fn search(memory: &mut [u32], engine: &Engine) -> Option<Found> {
+    HALF.pose(engine, |problem| {
+        let problem = problem.with_lean(true);
+        let mut search = ModeSearch::new(problem, Options::default(), SEED, memory);
+        let search = search.as_mut().ok()?;
+        while search.step().is_some() {}
+        Some(Found {
+            fingerprint: search.fingerprint(),
+            mask: hash(search.mask()),
+            iterations: search.iterations(),
+            scene: search.scene().clone(),
+        })
+    })
+}
+
+/// Draws the model under a hypothesis of [`fit`] on the photo and hands the picture to `show`, rows
+/// of [`SIDE`] colours. `None` if `memory` is shorter than [`WORDS`].
 #[inline(never)]
 pub fn picture(memory: &mut [u32], scene: &Scene, show: impl FnOnce(&[[f32; 3]])) -> Option<()> {
-    let (colors, rest) = memory.split_at_mut_checked(3 * PIXELS)?;
-    let colors = Carver::new(colors).floats(3 * PIXELS)?.as_chunks_mut::<3>().0;
-    let photo = PHOTO.get(PPM_HEADER..)?.as_chunks::<3>().0;
-    for (color, pixel) in colors.iter_mut().zip(photo) {
-        *color = pixel.map(|x| f32::from(x) / 255.0);
+    PHOTO.draw(memory, scene, show)
+}
+
+/// The same for [`search`], rows of [`HALF_SIDE`] colours; of [`SEARCH_WORDS`].
+#[inline(never)]
+pub fn half_picture(
+    memory: &mut [u32],
+    scene: &Scene,
+    show: impl FnOnce(&[[f32; 3]]),
+) -> Option<()> {
+    HALF.draw(memory, scene, show)
+}
+
+impl Photo {
+    fn draw(
+        &self,
+        memory: &mut [u32],
+        scene: &Scene,
+        show: impl FnOnce(&[[f32; 3]]),
+    ) -> Option<()> {
+        let numbers = 3 * self.side * self.side;
+        let (colors, rest) = memory.split_at_mut_checked(numbers)?;
+        let colors = Carver::new(colors).floats(numbers)?.as_chunks_mut::<3>().0;
+        for (color, pixel) in colors.iter_mut().zip(self.pixels()?) {
+            *color = pixel.map(|x| f32::from(x) / 255.0);
+        }
+        draw(&model()?, scene, rest, colors)?;
+        show(colors);
+        Some(())
     }
-    draw(&model()?, scene, rest, colors)?;
-    show(colors);
-    Some(())
 }
 
 /// Stages of a rendering, in order; each gets what the one before it made.
@@ -150,7 +251,7 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     }
 
     let mut carver = Carver::new(memory);
-    let photo = PHOTO.get(PPM_HEADER..)?.as_chunks().0;
+    let photo = PHOTO.pixels()?;
     let target = Target::carve(&mut carver, photo, SIDE)?;
     let n = padded(VERTICES);
     let (positions, attributes) = (carver.quads(n)?, carver.groups(n)?);
@@ -194,11 +295,17 @@ fn hash_of(values: impl IntoIterator<Item = f32>) -> u64 {
     hash.finish()
 }
 
-/// Writes the lines that every target is to write: a hash per stage, and the fingerprint.
+/// Hash of a scene.
+fn hash_of_scene(scene: &Scene) -> u64 {
+    hash_of(scene.parameters().copied())
+}
+
+/// Writes the first lines that every target is to write: a hash per stage, and the chain's
+/// fingerprint.
 ///
 /// # Errors
 /// Those of `out`.
-pub fn write_golden(
+pub fn write_chain(
     out: &mut impl Write,
     stages: &[u64; STAGES.len()],
     fingerprint: u64,
@@ -207,4 +314,25 @@ pub fn write_golden(
         writeln!(out, "{name} {hash:016x}")?;
     }
     writeln!(out, "fingerprint {fingerprint:016x}")
+}
+
+/// Writes the lines after them: the search's fingerprint, and hashes of the mode and the mask.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_search(out: &mut impl Write, found: &Found) -> fmt::Result {
+    for (name, hash) in SEARCH.iter().zip(found.hashes()) {
+        writeln!(out, "{name} {hash:016x}")?;
+    }
+    Ok(())
+}
+
+/// What a search's lines are called.
+pub const SEARCH: [&str; 3] = ["search", "mode", "mask"];
+
+impl Found {
+    /// The hashes of [`SEARCH`].
+    pub fn hashes(&self) -> [u64; SEARCH.len()] {
+        [self.fingerprint, hash_of_scene(&self.scene), self.mask]
+    }
 }

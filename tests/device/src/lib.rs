@@ -1,33 +1,36 @@
-//! A firmware that fits a face: the model read from flash in place, all memory static, the result
-//! drawn into a framebuffer. It prints what every target prints, then what it cost.
+//! Firmwares that fit a face: the model read from flash in place, all memory static, the result
+//! drawn into a framebuffer. They print what every target prints, then what it cost. There are two,
+//! since the chain's stack and the search's memory have no room side by side.
 
 #![no_std]
-#![no_main]
 
 use core::fmt::Write as _;
-use cortex_m::singleton;
-use cortex_m_rt::entry;
 use cortex_m_semihosting::debug;
 use cortex_m_semihosting::hio::{self, HostStream};
 use embedded_graphics::framebuffer::{Framebuffer, buffer_size};
 use embedded_graphics::pixelcolor::Rgb565;
 use embedded_graphics::pixelcolor::raw::{LittleEndian, RawU16};
-use onescan_case::{SIDE, WORDS, fit, picture, stages, write_golden};
-use onescan_core::draw::show;
-use onescan_core::engine::Engine;
 
-type Screen =
-    Framebuffer<Rgb565, RawU16, LittleEndian, SIDE, SIDE, { buffer_size::<Rgb565>(SIDE, SIDE) }>;
+/// A display of `SIDE` × `SIDE` pixels in `N` bytes.
+pub type Screen<const SIDE: usize, const N: usize> =
+    Framebuffer<Rgb565, RawU16, LittleEndian, SIDE, SIDE, N>;
 
-#[entry]
-fn main() -> ! {
+/// Bytes of a [`Screen`].
+pub const fn screen_bytes(side: usize) -> usize {
+    buffer_size::<Rgb565>(side, side)
+}
+
+/// Does what a firmware is for, says what it cost and ends the emulation. `run` gives `None` if
+/// anything does not fit together.
+pub fn firmware(run: impl FnOnce(&mut HostStream) -> Option<()>) -> ! {
     let unused = paint();
-    let done = run();
+    start_timer();
+    let done = hio::hstdout().ok().and_then(|mut out| run(&mut out));
     let deepest = unused.and_then(used);
     let status = match (done, deepest, hio::hstdout()) {
         (Some(()), Some(deepest), Ok(mut out)) => {
             let [data, flash] = sizes();
-            let _ = writeln!(out, "flash {flash}\nstatic {data}\nstack {deepest}");
+            let _ = writeln!(out, "flash {flash} B, static {data} B, stack {deepest} B");
             debug::EXIT_SUCCESS
         }
         _ => debug::EXIT_FAILURE,
@@ -37,23 +40,37 @@ fn main() -> ! {
     }
 }
 
-/// The whole fit; `None` if anything does not fit together.
-fn run() -> Option<()> {
-    let memory = singleton!(: [u32; WORDS] = [0; WORDS])?;
-    let screen = singleton!(: Screen = Screen::new())?;
-    let mut out = hio::hstdout().ok()?;
-    let hashes = stages(memory, &Engine::PORTABLE)?;
-    let fitted = fit(memory, &Engine::PORTABLE, true)?;
-    write_golden(&mut out, &hashes, fitted.fingerprint).ok()?;
-    // Cannot fail: the screen is memory.
-    picture(memory, &fitted.scene, |colors| {
-        let Ok(()) = show(colors, SIDE, screen);
-    })?;
-    save(screen, &mut out)
+/// Computes, and prints how many instructions it took.
+pub fn timed<T>(out: &mut HostStream, what: &str, compute: impl FnOnce() -> T) -> T {
+    let before = ticks();
+    let result = compute();
+    let spent = u64::from(before.wrapping_sub(ticks())) * INSTRUCTIONS_PER_TICK;
+    let _ = writeln!(out, "{what} {} million instructions", spent / 1_000_000);
+    result
+}
+
+/// The board's first timer: control, value, reload.
+const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
+/// It counts down at 25 MHz; the emulator runs an instruction per nanosecond.
+const INSTRUCTIONS_PER_TICK: u64 = 40;
+
+fn start_timer() {
+    for (register, value) in [(2, u32::MAX), (1, u32::MAX), (0, 1)] {
+        // SAFETY: a register of the board, which nobody else uses.
+        unsafe { TIMER.add(register).write_volatile(value) };
+    }
+}
+
+fn ticks() -> u32 {
+    // SAFETY: as in `start_timer`.
+    unsafe { TIMER.add(1).read_volatile() }
 }
 
 /// Sends the screen to the host, a line of hexadecimal RGB565 per row.
-fn save(screen: &Screen, out: &mut HostStream) -> Option<()> {
+pub fn save<const SIDE: usize, const N: usize>(
+    screen: &Screen<SIDE, N>,
+    out: &mut HostStream,
+) -> Option<()> {
     for row in screen.data().chunks(2 * SIDE) {
         out.write_str("row ").ok()?;
         for byte in row {
