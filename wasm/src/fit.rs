@@ -4,7 +4,7 @@ use crate::{File, Model, Opened, Photo, Pixels};
 use onescan::error::{Error, Result};
 use onescan::fit::output::{self, Names};
 use onescan::fit::summary::{Summary, hex};
-use onescan::fit::{Job, Observed, Searching, most_steps};
+use onescan::fit::{Job, Observed, Schedule, Searching, most_steps};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
@@ -12,7 +12,7 @@ use onescan::{render, report};
 use onescan_core::chain::{Config, Problem};
 use onescan_core::engine::Engine;
 use onescan_core::scene::MAX_RANK;
-use onescan_core::search::{self, LEVELS};
+use onescan_core::search::{self, LEVELS, Options};
 use self_cell::{MutBorrow, self_cell};
 use serde::Deserialize;
 use std::rc::Rc;
@@ -69,7 +69,7 @@ impl Inputs {
             landmarks: &self.landmarks,
             crop: self.crop,
             mask: None,
-            schedule: if self.config.search { Schedule::Paper } else { Schedule::Sampler },
+            schedule: Schedule::Mode,
             config: self.config.clone(),
             seed: self.seed,
             chains: 1,

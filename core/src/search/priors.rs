@@ -130,10 +130,10 @@ impl Priors<'_> {
         }
         pull(system, 0.0, 0.0);
         pull(system, precision(prior.distance_sd), self.ln_distance(scene));
-        for &c in scene.shape.iter() {
+        for &c in &scene.shape {
             pull(system, 1.0, c);
         }
-        for &c in scene.albedo.iter() {
+        for &c in &scene.albedo {
             pull(system, precision(widths.albedo), c);
         }
         for _ in 0..LIGHT {

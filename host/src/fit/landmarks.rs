@@ -86,9 +86,9 @@ fn normal(model: &Model<'_>, vertex: u32) -> [f32; 3] {
     for triangle in triangles.filter(|t| t.contains(&vertex)) {
         let [a, b, c] = triangle.map(|v| model.shape.mean_at(v as usize));
         let [p, q]: [[f32; 3]; 2] = [b, c].map(|d| std::array::from_fn(|i| d[i] - a[i]));
-        for i in 0..3 {
+        for (i, sum) in sum.iter_mut().enumerate() {
             let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-            sum[i] += p[j] * q[k] - p[k] * q[j];
+            *sum += p[j] * q[k] - p[k] * q[j];
         }
     }
     sum

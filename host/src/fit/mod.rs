@@ -1,7 +1,6 @@
 //! Fitting a model to a photo: cut the face out, run the chains, keep the best state.
 
 pub mod checkpoint;
-#[cfg(feature = "full")]
 pub mod landmarks;
 mod mode;
 pub mod output;
@@ -18,6 +17,7 @@ use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
 use summary::ModeFound;
 
+pub use mode::{Searching, most_steps};
 use onescan_core::chain::{self, Chain, Config, Problem, Quality, Stage, State, Step, Tally};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
@@ -25,7 +25,6 @@ use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
-pub use mode::{Searching, most_steps};
 #[cfg(feature = "full")]
 pub use parallel::{Control, Ending};
 pub use schedule::Schedule;

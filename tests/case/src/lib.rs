@@ -185,7 +185,7 @@ pub fn fit(memory: &mut [u32], engine: &Engine, lean: bool) -> Option<Fitted> {
 pub fn search(memory: &mut [u32], engine: &Engine) -> Option<Found> {
     HALF.pose(engine, |problem| {
         let problem = problem.with_lean(true);
-        let mut search = ModeSearch::new(problem, Options::default(), SEED, memory);
+        let mut search = ModeSearch::new(problem, Options::default(), memory);
         let search = search.as_mut().ok()?;
         while search.step().is_some() {}
         Some(Found {
