@@ -162,13 +162,12 @@ impl<'a> Basis<'a> {
     pub fn rows(&self, entries: Option<&ByVertex<'_>>, costs: &[Costs], rows: [&mut [f32]; 3]) {
         let mut sums = [[[0.0; lanes::LANES]; GROUPS]; 3];
         for (vertex, costs) in costs {
-            match entries {
-                Some(entries) => add_rows(entries.at(*vertex).iter().copied(), costs, &mut sums),
-                None => {
-                    let groups = self.rank().div_ceil(lanes::LANES);
-                    let entries = (0..groups).map(|group| self.group(*vertex, group));
-                    add_rows(entries, costs, &mut sums);
-                }
+            if let Some(entries) = entries {
+                add_rows(entries.at(*vertex).iter().copied(), costs, &mut sums);
+            } else {
+                let groups = self.rank().div_ceil(lanes::LANES);
+                let entries = (0..groups).map(|group| self.group(*vertex, group));
+                add_rows(entries, costs, &mut sums);
             }
         }
         for (row, sums) in rows.into_iter().zip(&sums) {
@@ -229,6 +228,9 @@ const GROUPS: usize = MAX_RANK.div_ceil(lanes::LANES);
 
 /// Some components of a vertex's entries, per axis, in quanta.
 type Entries = [[i16; lanes::LANES]; 3];
+
+/// Type of [`Basis::rows`].
+pub type Rows = fn(&Basis<'_>, Option<&ByVertex<'_>>, &[Costs], [&mut [f32]; 3]);
 
 /// Words of memory [`ByVertex`] needs for so many components.
 pub const fn by_vertex_words(vertices: usize, rank: usize) -> usize {

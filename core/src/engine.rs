@@ -5,7 +5,7 @@
 //! purpose, and their bits do not depend on the vector's width: every sum has the shape written in
 //! the source.
 
-use crate::basis::{Basis, ByVertex, Costs};
+use crate::basis::{Basis, Rows};
 use crate::lanes::Planes;
 use crate::least_squares::{NormalEquations, add_normal_equations, cholesky};
 use crate::likelihood::pixels::{self, Coverage, Known, Surface, Target};
@@ -29,7 +29,7 @@ pub struct Engine {
     /// [`Basis::transposed`].
     pub transposed: fn(&Basis<'_>, &[Quad], &mut [f32]),
     /// [`Basis::rows`].
-    pub rows: fn(&Basis<'_>, Option<&ByVertex<'_>>, &[Costs], [&mut [f32]; 3]),
+    pub rows: Rows,
     /// [`mesh::vertex_normals`].
     pub normals: fn(Triangles<'_>, &[Quad], &mut [Quad]),
     /// [`project::project`].

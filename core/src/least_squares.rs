@@ -29,6 +29,9 @@ const fn stride(n: usize) -> usize {
     if groups > 0 { groups } else { 1 }
 }
 
+/// Numbers of a row side by side.
+pub type Group = [f32; LANES];
+
 /// A row's weight and what is on its right side.
 pub type Equation = (f32, f32);
 
@@ -36,10 +39,10 @@ pub type Equation = (f32, f32);
 pub(crate) struct System<'s> {
     n: usize,
     /// Row-major, rows padded; only the upper triangle (`j ≥ i`) is kept up.
-    a: &'s mut [[f32; LANES]],
+    a: &'s mut [Group],
     b: &'s mut [f32],
     /// Rows of a Jacobian waiting to be added, `[group of lanes][row]`, padded with zeros.
-    batch: &'s mut [[f32; LANES]],
+    batch: &'s mut [Group],
     waiting: heapless::Vec<Equation, MAX_BATCH>,
     /// Two rows in the making.
     pub(crate) rows: [&'s mut [f32]; 2],
@@ -51,20 +54,26 @@ pub(crate) struct System<'s> {
 #[derive(Clone, Copy)]
 pub struct NormalEquations {
     /// [`add_normal_equations`].
-    pub add: fn(&[[f32; LANES]], &[Equation], &mut [[f32; LANES]], &mut [f32]),
+    pub add: Add,
     /// [`cholesky`].
-    pub solve: fn(&mut [[f32; LANES]], &mut [f32], &mut [[f32; LANES]]) -> Option<()>,
+    pub solve: Solve,
 }
+
+/// Type of [`add_normal_equations`]: batch, its equations, matrix and vector.
+pub type Add = fn(&[Group], &[Equation], &mut [Group], &mut [f32]);
+
+/// Type of [`cholesky`]: matrix, vector and scratch.
+pub type Solve = fn(&mut [Group], &mut [f32], &mut [Group]) -> Option<()>;
 
 /// `[row][group of lanes]` of a matrix, some rows of it: adds `Σ_k factors[k][i]·lanes_k` to a group
 /// of lanes of row `i`, in the order of `k`. The sums stay in registers.
 #[inline(always)]
 fn add_tile<const ROWS: usize>(
-    rows: &mut [[f32; LANES]],
+    rows: &mut [Group],
     stride: usize,
     group: usize,
     factors: &[[f32; ROWS]],
-    lanes: &[[f32; LANES]],
+    lanes: &[Group],
 ) {
     let mut sums = [[0.0; LANES]; ROWS];
     for (i, sum) in sums.iter_mut().enumerate() {
@@ -90,10 +99,10 @@ fn add_tile<const ROWS: usize>(
 /// `ROWS`).
 #[inline(always)]
 fn add_products<const ROWS: usize>(
-    batch: &[[f32; LANES]],
+    batch: &[Group],
     equations: &[Equation],
     first: usize,
-    matrix: &mut [[f32; LANES]],
+    matrix: &mut [Group],
     stride: usize,
 ) {
     let room = (batch.len() / stride).max(1);
@@ -121,9 +130,9 @@ fn add_products<const ROWS: usize>(
 /// order of the equations, whatever there are registers for.
 #[inline(always)]
 pub fn add_normal_equations<const ROWS: usize>(
-    batch: &[[f32; LANES]],
+    batch: &[Group],
     equations: &[Equation],
-    matrix: &mut [[f32; LANES]],
+    matrix: &mut [Group],
     vector: &mut [f32],
 ) {
     let stride = stride(vector.len());
@@ -253,7 +262,7 @@ impl<'s> System<'s> {
 }
 
 /// Copies a row to its place in a batch with room for so many.
-fn put(batch: &mut [[f32; LANES]], room: usize, place: usize, row: &[f32]) {
+fn put(batch: &mut [Group], room: usize, place: usize, row: &[f32]) {
     let (whole, rest) = row.as_chunks();
     let mut places = batch.chunks_exact_mut(room).filter_map(|panel| panel.get_mut(place));
     // In this order: a pair that is not made takes no place.
@@ -280,9 +289,9 @@ pub(crate) const fn matrix_words(n: usize) -> usize {
 /// that of [`add_normal_equations`].
 #[inline(always)]
 pub fn cholesky<const ROWS: usize>(
-    matrix: &mut [[f32; LANES]],
+    matrix: &mut [Group],
     vector: &mut [f32],
-    scratch: &mut [[f32; LANES]],
+    scratch: &mut [Group],
 ) -> Option<()> {
     let n = vector.len();
     let stride = stride(n);
@@ -321,7 +330,7 @@ pub fn cholesky<const ROWS: usize>(
 /// after those of these rows.
 #[inline(always)]
 fn eliminate<'b>(
-    mut panel: &mut [[f32; LANES]],
+    mut panel: &mut [Group],
     mut b: &'b mut [f32],
     first: usize,
     n: usize,

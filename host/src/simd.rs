@@ -190,10 +190,8 @@ fn multiply_and_add(passes: u32) -> f32 {
     let [factor, term] = black_box([0.5_f32; 2]);
     let mut numbers = [[1.0_f32; LANES]; 6];
     for _ in 0..passes {
-        for i in 0..6 {
-            for l in 0..LANES {
-                numbers[i][l] = numbers[i][l] * factor + term;
-            }
+        for x in numbers.as_flattened_mut() {
+            *x = *x * factor + term;
         }
     }
     numbers.as_flattened().iter().sum()
