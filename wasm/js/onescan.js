@@ -62,8 +62,7 @@ export class Onescan {
 
   /** The levels of every fit, coarse to fine. @returns {Level[]} */
   get levels() {
-    const numbers = [...Search.levels()];
-    return Array.from({ length: numbers.length / 2 }, (_, i) => ({ blur: numbers[2 * i], steps: numbers[2 * i + 1] }));
+    return levels();
   }
 
   /**
@@ -73,6 +72,12 @@ export class Onescan {
   viewer(model) {
     return new Viewer(model);
   }
+}
+
+/** @returns {Level[]} */
+function levels() {
+  const numbers = [...Search.levels()];
+  return Array.from({ length: numbers.length / 2 }, (_, i) => ({ blur: numbers[2 * i], steps: numbers[2 * i + 1] }));
 }
 
 /**
@@ -155,7 +160,8 @@ export class Fit extends EventTarget {
 
   /** @returns {Progress} */
   get progress() {
-    const { done, total, ended, converged, fingerprint } = this.#search;
+    const { done, ended, converged, fingerprint } = this.#search;
+    const total = levels().reduce((sum, { steps }) => sum + steps, 0);
     return { done, total, ended, converged, seconds: this.#seconds, fingerprint };
   }
 

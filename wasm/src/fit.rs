@@ -4,7 +4,7 @@ use crate::{File, Model, Opened, Photo, Pixels};
 use onescan::error::{Error, Result};
 use onescan::fit::output::{self, Names};
 use onescan::fit::summary::{Summary, hex};
-use onescan::fit::{Job, Observed, Schedule, Searching, most_steps};
+use onescan::fit::{Job, Observed, Schedule, Searching};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
@@ -136,12 +136,6 @@ impl Fit {
     #[wasm_bindgen(getter)]
     pub fn done(&self) -> u32 {
         self.with(|searching| searching.search.iterations())
-    }
-
-    /// The most steps it may make.
-    #[wasm_bindgen(getter)]
-    pub fn total(&self) -> u32 {
-        most_steps() as u32
     }
 
     /// Whether it has ended.

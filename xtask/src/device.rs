@@ -57,17 +57,17 @@ pub(crate) fn check() -> Outcome {
         let program = built.join(TARGET).join("release").join(name);
         without_panic_and_heap(&program)?;
         let printed = output(command(EMULATOR, MACHINE).arg(program))?;
-        let (mut lines, mut rows) = (String::new(), Vec::new());
+        let (mut lines, mut rows) = (Vec::new(), Vec::new());
         for line in printed.lines() {
             match line.strip_prefix("row ") {
                 Some(row) => rows.push(row),
                 None if line.ends_with(" B") || line.ends_with(" instructions") => {
                     println!("{line}");
                 }
-                None => lines += &format!("{line}\n"),
+                None => lines.push(line),
             }
         }
-        Case::Small.compare("Cortex-M7", &[fingerprint], &lines)?;
+        Case::Small.compare("Cortex-M7", &[fingerprint], &lines.join("\n"))?;
         save(&rows, &target().join(format!("device-{name}.png")))?;
     }
     Ok(())

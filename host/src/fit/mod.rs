@@ -17,7 +17,7 @@ use crate::photo::tlms::Tlms;
 use checkpoint::ChainSave;
 use summary::ModeFound;
 
-pub use mode::{Searching, most_steps};
+pub use mode::Searching;
 use onescan_core::chain::{self, Chain, Config, Problem, Quality, Stage, State, Step, Tally};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;

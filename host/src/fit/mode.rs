@@ -13,7 +13,8 @@ use onescan_core::search::{self, Iteration, ModeSearch, Options};
 use std::{sync::atomic::Ordering, time::Instant};
 
 /// The most steps of a search, for a progress bar.
-pub fn most_steps() -> u64 {
+#[cfg(feature = "full")]
+pub(super) fn most_steps() -> u64 {
     search::LEVELS.iter().map(|level| u64::from(level.iterations)).sum()
 }
 

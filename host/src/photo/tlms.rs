@@ -248,7 +248,9 @@ mod tests {
     fn parts_of_the_sides_and_one_point_for_all_are_refused() {
         let four = |points: [[f32; 2]; 4]| {
             let lines = points.iter().zip(["chin", "brow", "center.nose.tip", "left.lips.corner"]);
-            check(&lines.map(|([x, y], id)| format!("{id} 1 {x} {y}\n")).collect::<String>())
+            check(
+                &lines.map(|([x, y], id)| format!("{id} 1 {x} {y}")).collect::<Vec<_>>().join("\n"),
+            )
         };
         let parts = four([[0.5, 0.8], [0.4, 0.3], [0.5, 0.6], [0.6, 1.0]]);
         assert!(parts.ends_with("multiply x by 100 and y by 80"), "{parts}");
