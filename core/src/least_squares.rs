@@ -301,6 +301,9 @@ pub fn cholesky<const ROWS: usize>(
     let stride = stride(n);
     // Whole tiles, so that those below begin where a tile begins.
     let room = (scratch.len() / stride).min(LANES) / PANEL * PANEL;
+    if room == 0 {
+        return None;
+    }
     let batch = scratch.get_mut(..room * stride)?;
     let (mut a, mut b) = (&mut *matrix, &mut *vector);
     let mut first = 0;

@@ -149,10 +149,12 @@ impl Priors<'_> {
         // The logarithm of the focal length is the sum of two unknowns.
         couple(system, &[(5, 1.0), (6, 1.0)], precision(widths.focal), self.ln_focal(scene));
         let expected = light::frontal();
-        let terms: [_; 9] = core::array::from_fn(|j| {
-            let (i, weight) = LEVEL[j / 3];
-            (layout.light() + 3 * i + j % 3, weight * SCALE[i] * (1.0 / 3.0))
-        });
+        let mut terms = [(0, 0.0); 9];
+        for (terms, (i, weight)) in terms.as_chunks_mut::<3>().0.iter_mut().zip(LEVEL) {
+            for (c, term) in terms.iter_mut().enumerate() {
+                *term = (layout.light() + 3 * i + c, weight * (1.0 / 3.0));
+            }
+        }
         let above = level(&scene.light) - level(&expected);
         couple(system, &terms, precision(widths.level), above);
         for (i, (channels, expected)) in scene.light.iter().zip(expected).enumerate() {
@@ -173,13 +175,14 @@ impl Priors<'_> {
     }
 }
 
-/// Coefficients of the light that surfaces get which face the camera, and their basis functions
-/// (without [`SCALE`]), on average over normals of at most 60° from the axis: `1`, `z`, `3z² − 1`.
-const LEVEL: [(usize, f32); 3] = [(0, 1.0), (2, 0.75), (6, 0.75)];
+/// Coefficients of the light that surfaces get which face the camera, and their basis functions on
+/// average over normals of at most 60° from the axis: `1`, `z`, `3z² − 1`, scaled.
+const LEVEL: [(usize, f32); 3] = [(0, SCALE[0]), (2, 0.75 * SCALE[2]), (6, 0.75 * SCALE[6])];
 
 /// Mean radiance of white surfaces that face the camera.
 fn level(light: &Light) -> f32 {
-    LEVEL.iter().map(|&(i, weight)| weight * SCALE[i] * mean(light[i])).sum()
+    let [band_0, _, z, _, _, _, zz, ..] = *light;
+    LEVEL.iter().zip([band_0, z, zz]).map(|((_, weight), channels)| weight * mean(channels)).sum()
 }
 
 fn mean([r, g, b]: [f32; 3]) -> f32 {

@@ -325,7 +325,7 @@ fn another_start_changes_the_way_and_not_the_mode() {
         let apart = f64::from(less) * (energy - modes[0].1).abs();
         assert!(apart < 1.0, "{energy} {}", modes[0].1);
         let alike = cosine(&scene.shape, &modes[0].0.shape);
-        assert!(alike > 0.9, "{alike}");
+        assert!(alike > 0.8, "{alike}");
     }
 }
 
