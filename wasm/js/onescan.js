@@ -165,7 +165,7 @@ export class Fit extends EventTarget {
     return { done, total, ended, converged, seconds: this.#seconds, fingerprint };
   }
 
-  /** Hash over the bits of every scene on the way: the same from the same seed on every machine. */
+  /** Hash over the bits of every scene on the way: the same on every machine. */
   get fingerprint() {
     return this.#search.fingerprint;
   }

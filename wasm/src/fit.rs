@@ -22,7 +22,7 @@ use wasm_bindgen::prelude::*;
 #[derive(Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "camelCase")]
 struct Settings {
-    /// Seed of all randomness.
+    /// Noted in fit.json: nothing in a search is random.
     seed: u64,
     /// Standard deviation of a landmark, pixels of the picture the fit looks at.
     landmark_sd: f32,

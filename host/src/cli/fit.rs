@@ -56,7 +56,7 @@ pub(super) struct Fit {
     /// How to fit.
     #[arg(long, value_enum, default_value_t)]
     schedule: Schedule,
-    /// Seed of all randomness.
+    /// Seed of a chain's randomness; nothing in a search is random.
     #[arg(long, default_value_t = 7)]
     seed: u64,
     /// How exact landmarks are: standard deviation, pixels of the picture the fit looks at.
