@@ -23,7 +23,7 @@ enum {
 static uint32_t model[MODEL_BYTES / 4];
 static uint8_t rgb[3 * SIDE * SIDE];
 static uint32_t memory[ONESCAN_SEARCH_WORDS(VERTICES, TRIANGLES, RANK, RANK, LANDMARKS, SIDE,
-                                            SIDE)];
+                                            SIDE, 1)];
 static size_t model_bytes, count;
 static unsigned width, height;
 static OnescanModelInfo info;
@@ -57,7 +57,7 @@ static void search(void)
     static OnescanScene scene;
     size_t words = onescan_search_words(&info, &settings, count, width, height);
     if (words != ONESCAN_SEARCH_WORDS(info.vertices, info.triangles, SEARCH_RANK, SEARCH_RANK, count,
-                                      width, height)) {
+                                      width, height, 1)) {
         fprintf(stderr, "ONESCAN_SEARCH_WORDS differs from onescan_search_words: %zu\n", words);
         exit(1);
     }

@@ -497,19 +497,22 @@ OnescanStatus onescan_search_draw(OnescanSearch *search,
 
 #endif  /* ONESCAN_H */
 
-/* Words of memory of a search, for static arrays: what onescan_search_words() says of these sizes. */
-#define ONESCAN_SEARCH_WORDS(vertices, triangles, shape_rank, albedo_rank, landmarks, width, height) \
-  (5 * ONESCAN_PIXELS(width, height) + 65 * ONESCAN_CHUNKS(width, height) +                         \
-   17 * ONESCAN_PADDED(vertices) + 1 + 3 * (size_t)(triangles) +                                   \
-   3 * ((shape_rank) + (albedo_rank)) + 3 * (landmarks) * (1 + (shape_rank)) +                     \
-   5 * ONESCAN_UNKNOWNS(shape_rank, albedo_rank) +                                                 \
-   ONESCAN_MAX(ONESCAN_MAX(15625, 2 * ONESCAN_PIXELS(width, height)),                              \
-               ONESCAN_MAX(12 * ONESCAN_PADDED(vertices),                                          \
-                           ONESCAN_SYSTEM(ONESCAN_UNKNOWNS(shape_rank, albedo_rank)) +             \
-                               ONESCAN_MATRIX(ONESCAN_UNKNOWNS(shape_rank, albedo_rank)))))
+/* Words of memory of a search, for static arrays: what onescan_search_words() says of these sizes.
+ * `lean` is 0 or 1. */
+#define ONESCAN_SEARCH_WORDS(vertices, triangles, shape_rank, albedo_rank, landmarks, width, height, lean) \
+  (6 * ONESCAN_PIXELS(width, height) + 65 * ONESCAN_CHUNKS(width, height) +                         \
+   17 * ONESCAN_PADDED(vertices) + 1 + 3 * (size_t)(triangles) +                                    \
+   ((lean) ? 0 : 24 * (size_t)(vertices) * (ONESCAN_GROUPS(shape_rank) + ONESCAN_GROUPS(albedo_rank))) + \
+   3 * (shape_rank) + 3 * (landmarks) * (1 + (shape_rank)) +                                        \
+   5 * ONESCAN_UNKNOWNS(shape_rank, albedo_rank) +                                                  \
+   ONESCAN_MAX(ONESCAN_MAX(15625, 12 * ONESCAN_PADDED(vertices)),                                   \
+               ONESCAN_SYSTEM(ONESCAN_UNKNOWNS(shape_rank, albedo_rank)) +                          \
+                   ONESCAN_MAX(ONESCAN_MATRIX(ONESCAN_UNKNOWNS(shape_rank, albedo_rank)),           \
+                               3 * ONESCAN_PIXELS(width, height))))
 #define ONESCAN_PIXELS(width, height) ((size_t)(width) * (height))
 #define ONESCAN_UNKNOWNS(shape_rank, albedo_rank) ((size_t)(shape_rank) + (albedo_rank) + 41)
-#define ONESCAN_MATRIX(n) ((n) * (((n) + 15) / 16 * 16))
+#define ONESCAN_MATRIX(n) ((n) * 16 * ONESCAN_GROUPS(n))
+#define ONESCAN_GROUPS(n) (((size_t)(n) + 15) / 16)
 
 /* Words of memory of a chain, for static arrays: what onescan_words() says of these sizes. `lean` is
  * 0 or 1. */
@@ -524,4 +527,5 @@ OnescanStatus onescan_search_draw(OnescanSearch *search,
 #define ONESCAN_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define ONESCAN_CHUNKS(width, height) (((size_t)(width) + 15) / 16 * (height))
 #define ONESCAN_PADDED(vertices) (((size_t)(vertices) + 31) / 32 * 32)
-#define ONESCAN_SYSTEM(n) (((size_t)(n) + 8) * (((size_t)(n) + 15) / 16 * 16) + 3 * (n))
+#define ONESCAN_SYSTEM(n) (((size_t)(n) + ONESCAN_BATCH(n)) * 16 * ONESCAN_GROUPS(n) + 3 * (n))
+#define ONESCAN_BATCH(n) ((n) < 128 ? 8 : (n) < 512 ? (size_t)(n) / 64 * 8 : 64)
