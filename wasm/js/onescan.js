@@ -12,7 +12,7 @@ export { Model, Photo, Viewer };
 /** @typedef {{ seed?: number, landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number }} Settings As the options of `onescan fit --schedule mode`; ranks are the model's by default. */
 /** @typedef {{ done: number, total: number, ended: boolean, converged: boolean, seconds: number, fingerprint: string }} Progress Steps done of at most so many in all. */
 /** @typedef {{ blur: number, steps: number }} Level Standard deviation of the photo's blur, pixels of what the fit looks at, and the most steps. */
-/** @typedef {{ level: number, energy: number }} TracePoint After a step; energies of different levels measure different things. */
+/** @typedef {{ level: number, energy: number }} TracePoint Before or after a step; energies of different levels measure different things. */
 /** @typedef {{ name: string, bytes: Uint8Array<ArrayBuffer> }} SavedFile */
 /** @typedef {import('./wasm/onescan_wasm.js').Fitted} Fitted */
 

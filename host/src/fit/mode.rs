@@ -2,15 +2,9 @@
 
 use super::summary::ModeFound;
 use super::{Fit, Job, Mode, TracePoint};
-#[cfg(feature = "full")]
-use super::{Observed, parallel::Control};
 use crate::error::{Error, Result};
-#[cfg(feature = "full")]
-use crate::simd;
 use onescan_core::chain::{Chain, Problem, State};
 use onescan_core::search::{self, Iteration, ModeSearch, Options};
-#[cfg(feature = "full")]
-use std::{sync::atomic::Ordering, time::Instant};
 
 /// The most steps of a search, for a progress bar.
 #[cfg(feature = "full")]
@@ -104,42 +98,5 @@ impl<'a, 'w> Searching<'a, 'w> {
             acceptance: Vec::new(),
             mode: Some(Mode { found, mask: search.mask().to_vec() }),
         })
-    }
-}
-
-#[cfg(feature = "full")]
-impl Job<'_> {
-    /// Searches for the mode on one thread; `None` if [`Control::stop`] was set.
-    ///
-    /// # Errors
-    /// Landmarks the model does not have, a crop that does not fit the photo or its mask, a mask
-    /// that hides the whole face.
-    pub(super) fn find_mode(&self, control: &Control<'_>) -> Result<Option<Fit>> {
-        let observed = Observed::new(self.photo, self.landmarks, &self.crop)?;
-        let problem = observed.problem(self.model, &self.config, simd::best());
-        let start = Instant::now();
-        let mut memory = vec![0; search::words(&problem)];
-        let open = self.mask.map(|mask| self.crop.cut(mask)).transpose()?.map(|mask| {
-            let grey =
-                |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;
-            mask.rgb.iter().map(grey).collect::<Vec<u8>>()
-        });
-        let options = Options { open: open.as_deref(), ..Options::default() };
-        let mut searching = Searching::start(problem, options, &mut memory)?;
-        while searching.step().is_some() {
-            if control.stop.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            control.steps.fetch_add(1, Ordering::Relaxed);
-        }
-        if !searching.search.energy().total().is_finite() {
-            return Err(Error::new(
-                "nothing of the face can be seen: the mask hides all of it; white is where it may \
-                 be seen, black where not",
-            ));
-        }
-        // It may have converged early.
-        control.steps.store(most_steps(), Ordering::Relaxed);
-        searching.end(self, problem, start.elapsed().as_secs_f64()).map(Some)
     }
 }

@@ -1,10 +1,12 @@
 //! A whole fit on the computer's threads.
 
 use super::checkpoint::{Identity, Save};
-use super::{Fit, Job, Observed, Run, Running, Schedule, mode};
+use super::mode::{Searching, most_steps};
+use super::{Fit, Job, Observed, Run, Running, Schedule};
 use crate::error::{Error, Result};
 use crate::simd;
 use onescan_core::hash::Fnv64;
+use onescan_core::search::{self, Options};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
@@ -49,15 +51,49 @@ impl Job<'_> {
     /// The most steps of the fit, for a progress bar.
     pub fn steps(&self) -> u64 {
         match self.schedule {
-            Schedule::Mode => mode::most_steps(),
+            Schedule::Mode => most_steps(),
             Schedule::Paper | Schedule::Sampler => u64::from(self.chains) * self.config.steps(),
         }
     }
 
+    /// Searches for the mode on one thread; `None` if [`Control::stop`] was set.
+    ///
+    /// # Errors
+    /// Landmarks the model does not have, a crop that does not fit the photo or its mask, a mask
+    /// that hides the whole face.
+    fn find_mode(&self, control: &Control<'_>) -> Result<Option<Fit>> {
+        let observed = Observed::new(self.photo, self.landmarks, &self.crop)?;
+        let problem = observed.problem(self.model, &self.config, simd::best());
+        let start = Instant::now();
+        let mut memory = vec![0; search::words(&problem)];
+        let open = self.mask.map(|mask| self.crop.cut(mask)).transpose()?.map(|mask| {
+            let grey =
+                |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;
+            mask.rgb.iter().map(grey).collect::<Vec<u8>>()
+        });
+        let options = Options { open: open.as_deref(), ..Options::default() };
+        let mut searching = Searching::start(problem, options, &mut memory)?;
+        while searching.step().is_some() {
+            if control.stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            control.steps.fetch_add(1, Ordering::Relaxed);
+        }
+        if !searching.search.energy().total().is_finite() {
+            return Err(Error::new(
+                "nothing of the face can be seen: the mask hides all of it; white is where it may \
+                 be seen, black where not",
+            ));
+        }
+        // It may have converged early.
+        control.steps.store(most_steps(), Ordering::Relaxed);
+        searching.end(self, problem, start.elapsed().as_secs_f64()).map(Some)
+    }
+
     /// Runs the fit, from the beginning or from where `resume` left it.
     ///
-    /// A search takes one thread, and nothing to resume. Chains run in parallel on rayon's threads; each is a function of the seed and its number,
-    /// so their number of threads changes nothing.
+    /// A search takes one thread, and nothing to resume. Chains run in parallel on rayon's threads;
+    /// each is a function of the seed and its number, so the number of threads changes nothing.
     ///
     /// # Errors
     /// Landmarks the model does not have, a crop that does not fit the photo, a checkpoint of
