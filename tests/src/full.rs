@@ -58,8 +58,8 @@ impl Deviation for Waves {
     }
 }
 
-/// Writes `face.3dmm`, and what a default chain's fit to `photos/astronaut.png` looks at: `photo.ppm` and
-/// `photo.tlms`.
+/// Writes `face.3dmm`, and what a default chain's fit to `photos/astronaut.png` looks at:
+/// `photo.ppm` and `photo.tlms`.
 ///
 /// # Errors
 /// Files that cannot be read or written.

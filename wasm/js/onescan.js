@@ -9,7 +9,7 @@ import init, { Fit as Search, Model, Photo, Viewer } from './wasm/onescan_wasm.j
 export { Model, Photo, Viewer };
 
 /** @typedef {{ name: string, x: number, y: number, visible?: boolean }} Landmark Pixels of the photo; pixel (x, y) is the point (x, y). */
-/** @typedef {{ seed?: number, landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number }} Settings As the options of `onescan fit --schedule mode`; ranks are the model's by default. */
+/** @typedef {{ landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number }} Settings As the options of `onescan fit --schedule mode`; ranks are the model's by default. */
 /** @typedef {{ done: number, total: number, ended: boolean, converged: boolean, seconds: number, fingerprint: string }} Progress Steps done of at most so many in all. */
 /** @typedef {{ blur: number, steps: number }} Level Standard deviation of the photo's blur, pixels of what the fit looks at, and the most steps. */
 /** @typedef {{ level: number, energy: number }} TracePoint Before or after a step; energies of different levels measure different things. */

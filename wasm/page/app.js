@@ -309,15 +309,6 @@ input('behind').addEventListener('change', () => editor.behind(input('behind').c
 
 // ---- the fit
 
-/** A whole number from a field, or a message. @param {string} id @param {string} name */
-function whole(id, name) {
-  const { value, valueAsNumber, max } = input(id);
-  if (!Number.isSafeInteger(valueAsNumber) || valueAsNumber < 0 || valueAsNumber > Number(max)) {
-    throw new Error(`${name} is “${value}”, expected a whole number from 0 to ${max}`);
-  }
-  return valueAsNumber;
-}
-
 client.addEventListener('progress', (event) => {
   const live = /** @type {CustomEvent<import('../js/worker.js').LiveProgress>} */ (event).detail;
   const { done, total, ended, trace, levels, crop, pictures } = live;
@@ -347,7 +338,6 @@ async function runFit(job) {
 on('fit', async () => {
   const job = {
     landmarks: editor.points.map((point) => ({ ...point })),
-    seed: whole('seed', 'Seed'),
     names: { model: state.modelName, photo: state.photoName },
   };
   input('opacity').value = '1';
@@ -392,10 +382,9 @@ on('verify', async () => {
 
 /** @param {any} result */
 function showNumbers({ fingerprint, progress, summary }) {
-  const { pixel_rmse: error, landmark_rmse_px: landmarks, steps, seed, mode } = summary;
+  const { pixel_rmse: error, landmark_rmse_px: landmarks, steps, mode } = summary;
   const percent = (/** @type {number} */ x) => `${(100 * x).toFixed(1)} %`;
   const facts = {
-    Seed: String(seed),
     Fingerprint: fingerprint,
     'Colour error': `${percent(error.initial)} → ${percent(error.best)}`,
     'Landmark error': `${landmarks.toFixed(1)} px of a 256 px cut-out`,

@@ -22,8 +22,6 @@ use wasm_bindgen::prelude::*;
 #[derive(Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "camelCase")]
 struct Settings {
-    /// Noted in fit.json: nothing in a search is random.
-    seed: u64,
     /// Standard deviation of a landmark, pixels of the picture the fit looks at.
     landmark_sd: f32,
     /// Shape coefficients to infer; all of the model's by default.
@@ -40,7 +38,6 @@ impl Default for Settings {
     fn default() -> Self {
         let config = Config::default();
         Self {
-            seed: 7,
             landmark_sd: config.landmark_sd,
             shape_rank: None,
             albedo_rank: None,
@@ -57,7 +54,6 @@ struct Inputs {
     landmarks: Tlms,
     crop: Crop,
     config: Config,
-    seed: u64,
     memory: MutBorrow<Vec<u32>>,
 }
 
@@ -71,7 +67,8 @@ impl Inputs {
             mask: None,
             schedule: Schedule::Mode,
             config: self.config.clone(),
-            seed: self.seed,
+            // Of chains, of which there are none: the command's default.
+            seed: 7,
             chains: 1,
         }
     }
@@ -259,8 +256,7 @@ fn start(model: &Model, photo: &Photo, landmarks: &str, settings: &str) -> Resul
         (config.landmark_samples, config.shape_samples, config.samples) = (0, 0, 0);
     });
     let memory = MutBorrow::new(Vec::new());
-    let seed = settings.seed;
-    let mut inputs = Inputs { model, photo, landmarks, crop, config, seed, memory };
+    let mut inputs = Inputs { model, photo, landmarks, crop, config, memory };
     let words = {
         let observed = inputs.observe()?;
         search::words(&inputs.problem(&observed))

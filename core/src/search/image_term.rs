@@ -1,132 +1,171 @@
-//! The image term's gradient: what it costs to change anything that colours are made of.
+//! The image term, and what of a picture shows the face.
+//!
+//! The pixels around a covered pixel `p` show the face, `N(colour, σ²)`, or something before it,
+//! distributed as the picture outside the face is (Egger et al. 2018; the paper's supplement). With
+//! `ℓ = ln N − ln background` and `L = G(ωℓ)/Gω` its mean over the neighbours by a Gaussian `G`,
+//! since what hides a face is larger than a pixel,
+//!
+//! `E = −N/Σω · 1/patch · Σ_p ω_p ln[(1 − ε_p) exp L_p + ε_p]`
+//!
+//! over the covered pixels. `ω` is what a pixel has to say: nothing where the caller knows that the
+//! face is hidden, and less where the surface is seen from the side, so that pixels come and go
+//! quietly at the outline. `N` is what `Σω` is by the landmarks' pose: to cover less is no gain.
+//! The derivative weighs a pixel's squared difference by its neighbours' mask:
+//!
+//! `m_p = (1 − ε_p) exp L_p / [(1 − ε_p) exp L_p + ε_p]`, `w = N/Σω · ω G(ωm/Gω)`.
+//!
+//! A lone pixel may show anything: `ℓ` is `ln(exp ℓ + exp −HOPELESS)`, and `w` times the first
+//! summand's share.
 
-use super::shading::{Point, Shading, slopes};
-use super::state::{Costs, ModeSearch};
+use super::occlusion::mapped;
+use super::picture;
+use super::shading::Shading;
+use super::state::{ModeSearch, Planes};
 use super::surface::at;
-use super::unknowns::{COLOR, POSE};
-use super::vector::{Vec3, apply, cross, scale, sub, xyz};
-use super::window::Window;
+use super::vector::{add, dot, scale, sub};
+use crate::likelihood::background::HISTOGRAM_LEN;
+use crate::likelihood::pixels::ln_normaliser;
+use crate::math;
 use crate::render::rasterize::Hit;
+use crate::scene::Scene;
+
+/// Standard deviation, pixels, over which neighbouring pixels are judged together whether they show
+/// the face: some hundred pixels, the order of the patch that shares one error.
+const COHERENCE: f32 = 3.0;
+/// Log of the odds against the face, at most, that one pixel's colour can be.
+const HOPELESS: f64 = 12.0;
+/// Cosine of the angle to the line of sight from which on a surface has its full say.
+const FACING: f32 = 0.3;
 
 impl ModeSearch<'_, '_> {
-    /// What a visible pixel of the current scene shows.
-    #[inline(always)]
-    pub(super) fn point(&self, shading: &Shading, hit: &Hit) -> Option<([usize; 3], Point)> {
-        let corners = self.problem.model.triangles.get(hit.triangle)?.map(|v| v as usize);
-        let [second, third] = hit.weights;
-        let weights = [1.0 - second - third, second, third];
-        let normals = corners.map(|v| xyz(at(self.surface.normals, v)));
-        let albedos = corners.map(|v| xyz(at(self.surface.albedo, v)));
-        Some((corners, shading.point(weights, normals, albedos)))
-    }
-
-    /// The photo at a pixel.
-    #[inline(always)]
-    pub(super) fn photo(&self, index: usize) -> Vec3 {
-        let [r, g, b] = &self.planes.photo;
-        [at(r, index), at(g, index), at(b, index)]
-    }
-
-    /// What a squared difference of colours counts.
-    pub(super) fn pixel_weight(&self) -> f32 {
-        let sd = self.sd();
-        1.0 / (sd * sd * self.problem.config.pixel_patch)
-    }
-
-    /// The slopes of a triangle's barycentric coordinates in the window.
-    #[inline(always)]
-    pub(super) fn slopes(&self, corners: [usize; 3]) -> [[f32; 2]; 3] {
-        slopes(corners.map(|v| {
-            let [x, y, ..] = at(self.surface.window, v);
-            [x, y]
-        }))
-    }
-
-    /// Adds `−∂E/∂x` of the image term to the gradient.
+    /// The background is what the picture holds outside of where the landmarks put the face.
     #[inline(never)]
-    pub(super) fn add_gradient(&mut self, shading: &Shading) {
-        self.in_passing(|search, memory| search.add_gradient_in(memory, shading));
+    pub(super) fn look_outside(&mut self) {
+        let width = self.problem.image.width as usize;
+        self.render();
+        let frame = &self.frame;
+        let outside = |i: usize| {
+            let (x, y) = (i % width.max(1), i / width.max(1));
+            frame.hit(x, y).is_none()
+        };
+        let ln = &mut *self.planes.ln_background;
+        ln.fill(0.0);
+        if let Some(histogram) = self.passing.get_mut(..HISTOGRAM_LEN) {
+            picture::ln_background(self.problem.image.pixels, outside, histogram, ln);
+        }
     }
 
-    fn add_gradient_in(&mut self, memory: &mut [f32], shading: &Shading) {
-        let Some(costs) = Costs::new(self.problem.model.vertices(), memory) else { return };
+    /// Compares what has been rendered of a scene with the photo: fills mask and weights, and gives
+    /// the image term; `None` if the scene shows nothing. `memory` has room for three planes.
+    #[inline(never)]
+    pub(super) fn compare(&mut self, scene: &Scene, memory: &mut [f32]) -> Option<f64> {
+        let pixels = self.planes.mask.len();
+        let (ratios, rest) = memory.split_at_mut_checked(pixels)?;
+        let (near, spare) = rest.split_at_mut_checked(pixels)?;
         let width = self.problem.image.width as usize;
-        let unit = self.pixel_weight();
-        let mut light = [[0.0_f64; 3]; 9];
-        let mut color = [0.0_f64; COLOR];
+        let covered = self.compare_pixels(scene, ratios, near);
+        picture::blur(ratios, spare, width, COHERENCE);
+        picture::blur(near, spare, width, COHERENCE);
+        let (mut sum, mut says, mut visible) = (0.0, 0.0, 0.0);
+        for y in self.frame.rows() {
+            let (mut row, mut row_says, mut row_visible) = (0.0, 0.0, 0.0);
+            for x in self.frame.columns() {
+                let Some(hit) = self.frame.hit(x, y) else { continue };
+                let index = y * width + x;
+                let hidden = f64::from(self.hidden(&hit));
+                let say = at(self.planes.weights, index);
+                let around = at(near, index).max(1e-6);
+                let ratio = f64::from(at(ratios, index) / around);
+                // Something else against the face.
+                let odds = hidden / (1.0 - hidden) * math::exp(-ratio);
+                let mask = (1.0 / (1.0 + odds)) as f32;
+                row += f64::from(say) * (ratio + math::ln((1.0 - hidden) * (1.0 + odds)));
+                row_says += say;
+                set(near, index, say * mask / around);
+                let mask = mask * self.options.open_at(index);
+                row_visible += mask;
+                set(ratios, index, mask);
+            }
+            sum += row;
+            says += row_says;
+            visible += row_visible;
+        }
+        if !(says > 0.0) {
+            return None;
+        }
+        if self.expected == 0.0 {
+            self.expected = says;
+        }
+        self.seen = (covered, visible);
+        let share = self.expected / says;
+        picture::blur(near, spare, width, COHERENCE);
+        let Planes { mask, weights, .. } = &mut self.planes;
+        for ((weight, mask), (near, visible)) in
+            weights.iter_mut().zip(mask.iter_mut()).zip(near.iter().zip(&*ratios))
+        {
+            *weight *= near * *mask * share;
+            *mask = if *mask > 0.0 { *visible } else { 0.0 };
+        }
+        Some(-sum * f64::from(share / self.problem.config.pixel_patch))
+    }
+
+    /// Fills the weights with what the covered pixels have to say, the mask with the share of the
+    /// face in it, and two planes with `ωℓ` and `ω`; gives the number of covered pixels.
+    fn compare_pixels(&mut self, scene: &Scene, ratios: &mut [f32], near: &mut [f32]) -> usize {
+        let width = self.problem.image.width as usize;
+        let sd = self.sd();
+        let k = 1.0 / (2.0 * sd * sd);
+        let normaliser = ln_normaliser(f64::from(sd)) as f32;
+        let shading = Shading::new(scene);
+        let occlusion = self.options.occlusion;
+        let Planes { mask, weights, .. } = &mut self.planes;
+        for plane in [&mut **mask, weights, ratios, near] {
+            plane.fill(0.0);
+        }
+        let mut covered = 0;
         for y in self.frame.rows() {
             for x in self.frame.columns() {
-                let index = y * width + x;
-                let weight = at(self.planes.weights, index) * unit;
-                if weight < 1e-3 * unit {
-                    continue;
-                }
                 let Some(hit) = self.frame.hit(x, y) else { continue };
-                let Some((corners, point)) = self.point(shading, &hit) else { continue };
+                let index = y * width + x;
+                let Some((_, point)) = self.point(&shading, &hit) else { continue };
                 let difference = sub(self.photo(index), point.color);
-                let adjoint = shading.adjoint(&point, scale(difference, weight));
-                let motion = adjoint.motion(&point, &self.slopes(corners));
-                for (vertex, w) in corners.into_iter().zip(point.weights) {
-                    let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {
-                        if let Some(to) = to {
-                            *to = [to[0] + w * x, to[1] + w * y, to[2] + w * z, 0.0];
-                        }
-                    };
-                    put(costs.normals.get_mut(vertex), adjoint.normal);
-                    put(costs.albedo.get_mut(vertex), adjoint.albedo);
-                    put(costs.positions.get_mut(vertex), [motion[0], motion[1], 0.0]);
-                }
-                for (sum, y) in light.iter_mut().zip(adjoint.harmonics) {
-                    for (sum, r) in sum.iter_mut().zip(adjoint.radiance) {
-                        *sum += f64::from(y * r);
-                    }
-                }
-                for (sum, c) in color.iter_mut().zip(adjoint.color) {
-                    *sum += f64::from(c);
-                }
+                let face = normaliser - k * dot(difference, difference);
+                let ratio = f64::from(face - at(self.planes.ln_background, index));
+                let anything = if occlusion { math::exp(-HOPELESS - ratio) } else { 0.0 };
+                let facing = shading.facing(&point) * (1.0 / FACING);
+                let say = self.options.open_at(index) * facing.clamp(0.0, 1.0);
+                let Planes { mask, weights, .. } = &mut self.planes;
+                set(ratios, index, say * (ratio + math::ln(1.0 + anything)) as f32);
+                set(near, index, say);
+                set(weights, index, say);
+                // Never nought: that is where nothing is covered.
+                set(mask, index, ((1.0 / (1.0 + anything)) as f32).max(f32::MIN_POSITIVE));
+                covered += 1;
             }
         }
-        let mut pose = [0.0_f64; POSE];
-        let view = Window::new(&self.scene);
-        for (v, cost) in costs.positions.iter_mut().enumerate() {
-            let [x, y, ..] = *cost;
-            if x != 0.0 || y != 0.0 {
-                let (moved, by_pose) = view.adjoint(xyz(at(self.surface.positions, v)), [x, y]);
-                *cost = [moved[0], moved[1], moved[2], 0.0];
-                for (sum, p) in pose.iter_mut().zip(by_pose) {
-                    *sum += f64::from(p);
-                }
-            }
-        }
-        for v in 0..self.problem.model.vertices() {
-            let cost = xyz(at(costs.normals, v));
-            if cost == [0.0; 3] {
-                continue;
-            }
-            let turned = apply(&view.rotation, cross(xyz(at(self.surface.normals, v)), cost));
-            for (sum, t) in pose.iter_mut().zip(turned) {
-                *sum += f64::from(t);
-            }
-            let positions = &mut *costs.positions;
-            self.surface.normal_adjoint(self.problem.model, v, [cost], |vertex, [cost]| {
-                if let Some(to) = positions.get_mut(vertex) {
-                    *to = [to[0] + cost[0], to[1] + cost[1], to[2] + cost[2], 0.0];
-                }
-            });
+        covered
+    }
+
+    /// Prior probability that the surface is hidden at a pixel.
+    fn hidden(&self, hit: &Hit) -> f32 {
+        if !self.options.occlusion {
+            return 0.0;
         }
         let model = self.problem.model;
-        let Some(parts) = self.layout.split(self.gradient) else { return };
-        for (g, p) in parts.pose.iter_mut().zip(pose) {
-            *g += p as f32;
+        let Some(corners) = model.triangles.get(hit.triangle) else { return 0.5 };
+        let corners = corners.map(|v| v as usize);
+        let [second, third] = hit.weights;
+        if let Some(map) = model.occlusion() {
+            return mapped(map, corners, [1.0 - second - third, second, third]);
         }
-        let transposed = self.problem.engine.transposed;
-        transposed(&model.shape, costs.positions, parts.shape);
-        transposed(&model.albedo, costs.albedo, parts.albedo);
-        for (g, l) in parts.light.as_flattened_mut().iter_mut().zip(light.as_flattened()) {
-            *g += *l as f32;
-        }
-        for (g, c) in parts.color.iter_mut().zip(color) {
-            *g += c as f32;
-        }
+        let [a, b, c] = corners.map(|v| model.shape.mean_at(v));
+        let place = add(add(scale(a, 1.0 - second - third), scale(b, second)), scale(c, third));
+        self.hiding.at(place)
+    }
+}
+
+fn set(plane: &mut [f32], index: usize, value: f32) {
+    if let Some(to) = plane.get_mut(index) {
+        *to = value;
     }
 }

@@ -3,9 +3,10 @@
 //! The unknowns are pose, camera, shape, albedo, light and colour transform ([`unknowns`]); what is
 //! minimised is
 //!
-//! `E = ½‖a‖² + ½‖b‖² + priors + Σ landmarks + image term`,
+//! `E = ½‖a‖² + ½‖b‖²/s² + priors + Σ landmarks + image term`
 //!
-//! where a pixel may also show something before the face (`mask.rs`, `occlusion.rs`).
+//! of shape coefficients `a` and albedo coefficients `b` (`priors.rs`, with `s`). A pixel may also
+//! show something before the face (`image_term.rs`, `occlusion.rs`).
 //!
 //! A step's direction is exact: the derivative of every covered pixel's colour, passed back by
 //! reverse differentiation through shading, normals, projection and basis (`shading.rs`,
@@ -17,9 +18,9 @@
 //! ([`Level`]).
 
 mod curvature;
+mod gradient;
 mod image_term;
 mod landmarks;
-mod mask;
 mod occlusion;
 mod picture;
 pub mod priors;
@@ -240,14 +241,6 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         before: Energy,
     ) -> Option<(Scene, Energy)> {
         self.in_passing(|search, memory| search.descend_in(memory, shading, covered, before))
-    }
-
-    /// Hands out the memory of what is needed in passing.
-    fn in_passing<T>(&mut self, f: impl FnOnce(&mut Self, &mut [f32]) -> T) -> T {
-        let memory = core::mem::take(&mut self.passing);
-        let result = f(self, memory);
-        self.passing = memory;
-        result
     }
 
     fn descend_in(

@@ -314,6 +314,14 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.level().error * self.problem.config.pixel_sd
     }
 
+    /// Hands out the memory of what is needed in passing.
+    pub(super) fn in_passing<T>(&mut self, f: impl FnOnce(&mut Self, &mut [f32]) -> T) -> T {
+        let memory = core::mem::take(&mut self.passing);
+        let result = f(self, memory);
+        self.passing = memory;
+        result
+    }
+
     /// Computes and rasterizes the surface of the scene, unless that has been done.
     pub(super) fn render(&mut self) {
         if !self.rendered {

@@ -1,0 +1,132 @@
+//! The image term's gradient: what it costs to change anything that colours are made of.
+
+use super::shading::{Point, Shading, slopes};
+use super::state::{Costs, ModeSearch};
+use super::surface::at;
+use super::unknowns::{COLOR, POSE};
+use super::vector::{Vec3, apply, cross, scale, sub, xyz};
+use super::window::Window;
+use crate::render::rasterize::Hit;
+
+impl ModeSearch<'_, '_> {
+    /// What a visible pixel of the current scene shows.
+    #[inline(always)]
+    pub(super) fn point(&self, shading: &Shading, hit: &Hit) -> Option<([usize; 3], Point)> {
+        let corners = self.problem.model.triangles.get(hit.triangle)?.map(|v| v as usize);
+        let [second, third] = hit.weights;
+        let weights = [1.0 - second - third, second, third];
+        let normals = corners.map(|v| xyz(at(self.surface.normals, v)));
+        let albedos = corners.map(|v| xyz(at(self.surface.albedo, v)));
+        Some((corners, shading.point(weights, normals, albedos)))
+    }
+
+    /// The photo at a pixel.
+    #[inline(always)]
+    pub(super) fn photo(&self, index: usize) -> Vec3 {
+        let [r, g, b] = &self.planes.photo;
+        [at(r, index), at(g, index), at(b, index)]
+    }
+
+    /// What a squared difference of colours counts.
+    pub(super) fn pixel_weight(&self) -> f32 {
+        let sd = self.sd();
+        1.0 / (sd * sd * self.problem.config.pixel_patch)
+    }
+
+    /// The slopes of a triangle's barycentric coordinates in the window.
+    #[inline(always)]
+    pub(super) fn slopes(&self, corners: [usize; 3]) -> [[f32; 2]; 3] {
+        slopes(corners.map(|v| {
+            let [x, y, ..] = at(self.surface.window, v);
+            [x, y]
+        }))
+    }
+
+    /// Adds `−∂E/∂x` of the image term to the gradient.
+    #[inline(never)]
+    pub(super) fn add_gradient(&mut self, shading: &Shading) {
+        self.in_passing(|search, memory| search.add_gradient_in(memory, shading));
+    }
+
+    fn add_gradient_in(&mut self, memory: &mut [f32], shading: &Shading) {
+        let Some(costs) = Costs::new(self.problem.model.vertices(), memory) else { return };
+        let width = self.problem.image.width as usize;
+        let unit = self.pixel_weight();
+        let mut light = [[0.0_f64; 3]; 9];
+        let mut color = [0.0_f64; COLOR];
+        for y in self.frame.rows() {
+            for x in self.frame.columns() {
+                let index = y * width + x;
+                let weight = at(self.planes.weights, index) * unit;
+                if weight < 1e-3 * unit {
+                    continue;
+                }
+                let Some(hit) = self.frame.hit(x, y) else { continue };
+                let Some((corners, point)) = self.point(shading, &hit) else { continue };
+                let difference = sub(self.photo(index), point.color);
+                let adjoint = shading.adjoint(&point, scale(difference, weight));
+                let motion = adjoint.motion(&point, &self.slopes(corners));
+                for (vertex, w) in corners.into_iter().zip(point.weights) {
+                    let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {
+                        if let Some(to) = to {
+                            *to = [to[0] + w * x, to[1] + w * y, to[2] + w * z, 0.0];
+                        }
+                    };
+                    put(costs.normals.get_mut(vertex), adjoint.normal);
+                    put(costs.albedo.get_mut(vertex), adjoint.albedo);
+                    put(costs.positions.get_mut(vertex), [motion[0], motion[1], 0.0]);
+                }
+                for (sum, y) in light.iter_mut().zip(adjoint.harmonics) {
+                    for (sum, r) in sum.iter_mut().zip(adjoint.radiance) {
+                        *sum += f64::from(y * r);
+                    }
+                }
+                for (sum, c) in color.iter_mut().zip(adjoint.color) {
+                    *sum += f64::from(c);
+                }
+            }
+        }
+        let mut pose = [0.0_f64; POSE];
+        let view = Window::new(&self.scene);
+        for (v, cost) in costs.positions.iter_mut().enumerate() {
+            let [x, y, ..] = *cost;
+            if x != 0.0 || y != 0.0 {
+                let (moved, by_pose) = view.adjoint(xyz(at(self.surface.positions, v)), [x, y]);
+                *cost = [moved[0], moved[1], moved[2], 0.0];
+                for (sum, p) in pose.iter_mut().zip(by_pose) {
+                    *sum += f64::from(p);
+                }
+            }
+        }
+        for v in 0..self.problem.model.vertices() {
+            let cost = xyz(at(costs.normals, v));
+            if cost == [0.0; 3] {
+                continue;
+            }
+            let turned = apply(&view.rotation, cross(xyz(at(self.surface.normals, v)), cost));
+            for (sum, t) in pose.iter_mut().zip(turned) {
+                *sum += f64::from(t);
+            }
+            let positions = &mut *costs.positions;
+            self.surface.normal_adjoint(self.problem.model, v, [cost], |vertex, [cost]| {
+                if let Some(to) = positions.get_mut(vertex) {
+                    *to = [to[0] + cost[0], to[1] + cost[1], to[2] + cost[2], 0.0];
+                }
+            });
+        }
+        let model = self.problem.model;
+        let Some(parts) = self.layout.split(self.gradient) else { return };
+        for (g, p) in parts.pose.iter_mut().zip(pose) {
+            *g += p as f32;
+        }
+        let transposed = self.problem.engine.transposed;
+        transposed(&model.shape, costs.positions, parts.shape);
+        transposed(&model.albedo, costs.albedo, parts.albedo);
+        for (g, l) in parts.light.as_flattened_mut().iter_mut().zip(light.as_flattened()) {
+            *g += *l as f32;
+        }
+        for (g, c) in parts.color.iter_mut().zip(color) {
+            *g += c as f32;
+        }
+    }
+}
