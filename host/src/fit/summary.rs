@@ -68,14 +68,14 @@ pub struct Proposal {
 /// How a search for the mode ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModeFound {
-    /// Whether the last steps changed nothing, the mask being held.
+    /// Whether the last steps changed nothing.
     pub converged: bool,
     /// Steps of all levels.
     pub iterations: u32,
     /// Steps of each level, coarse to fine.
     #[serde(default)]
     pub levels: Vec<u32>,
-    /// Log posterior density with the mask given, up to a constant.
+    /// Log posterior density, up to a constant.
     pub posterior: f64,
 }
 
@@ -140,7 +140,7 @@ pub struct Summary {
     #[serde(default)]
     pub proposals: Vec<Proposal>,
     /// The stage's log likelihood by step, thinned; steps count over all stages. Of a search the
-    /// log posterior before and after each step, with its mask, up to a constant of its level.
+    /// log posterior before and after each step, up to a constant of its level.
     #[serde(default)]
     pub trace: Vec<(u32, f64)>,
     /// How a search for the mode ended; absent from a chain's fit.

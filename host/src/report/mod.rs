@@ -373,8 +373,8 @@ fn levels(f: &mut impl Write, s: &Summary, mode: &ModeFound) -> fmt::Result {
     }
     writeln!(
         f,
-        "</div>\n<p class=\"note\">{} A step makes the curve rise; then the mask of what hides \
-         the face is estimated anew, and the curve jumps. In the last steps the mask is held.</p>",
+        "</div>\n<p class=\"note\">{} Only steps that raise the curve are taken; what hides the face is \
+         judged anew in each of them.</p>",
         if mode.converged {
             "The last steps changed nothing: the search has converged."
         } else {
