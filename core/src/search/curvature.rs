@@ -1,6 +1,6 @@
 //! The metric of a step: the Gauss–Newton matrix of some of the pixels.
 
-use super::shading::{Adjoint, Point, Shading};
+use super::shading::{Adjoint, Shading};
 use super::state::ModeSearch;
 use super::surface::at;
 use super::unknowns::POSE;
@@ -36,7 +36,9 @@ impl ModeSearch<'_, '_> {
         let mut seen = 0.0;
         for y in self.frame.rows() {
             for x in self.frame.columns() {
-                let Some(hit) = self.frame.hit(x, y) else { continue };
+                if self.frame.hit(x, y).is_none() {
+                    continue;
+                }
                 seen += 1.0;
                 if seen <= next {
                     continue;
@@ -46,27 +48,27 @@ impl ModeSearch<'_, '_> {
                 if pixel < 1e-2 {
                     continue;
                 }
-                let Some((corners, point)) = self.point(shading, &hit) else { continue };
-                self.add_pixel(shading, &view, corners, &point, weight * pixel, system);
+                self.add_pixel(shading, &view, [x, y], weight * pixel, system);
             }
         }
     }
 
-    /// Adds one pixel's three rows.
+    /// Adds a covered pixel's three rows.
     pub(super) fn add_pixel(
         &mut self,
         shading: &Shading,
         view: &Window,
-        corners: [usize; 3],
-        point: &Point,
+        [x, y]: [usize; 2],
         weight: f32,
         system: &mut System<'_>,
     ) {
-        let slopes = self.slopes(corners);
+        let hit = self.frame.hit(x, y);
+        let Some((corners, point)) = hit.and_then(|hit| self.point(shading, &hit)) else { return };
+        let [along_x, along_y] = self.differences(x, y);
         let adjoints: [Adjoint; 3] = from_fn(|channel| {
             let mut gradient = [0.0; 3];
             gradient[channel] = 1.0;
-            shading.adjoint(point, gradient)
+            shading.adjoint(&point, gradient)
         });
         // What each channel's colour costs each position around, and the pose.
         let mut around = heapless::Vec::<Costs, MAX_AROUND>::new();
@@ -82,7 +84,6 @@ impl ModeSearch<'_, '_> {
             }
         };
         let mut pose = [[0.0_f32; POSE]; 3];
-        let motions = adjoints.map(|adjoint| adjoint.motion(point, &slopes));
         for (i, vertex) in corners.into_iter().enumerate() {
             let w = point.weights[i];
             let position = xyz(at(self.surface.positions, vertex));
@@ -90,8 +91,8 @@ impl ModeSearch<'_, '_> {
             let mut moved = [[0.0; 3]; 3];
             for channel in 0..3 {
                 let turned = apply(&view.rotation, cross(point.normals[i], costs[channel]));
-                let [x, y] = motions[channel];
-                let (by_motion, by_pose) = view.adjoint(position, [w * x, w * y]);
+                let motion = [-w * along_x[channel], -w * along_y[channel]];
+                let (by_motion, by_pose) = view.adjoint(position, motion);
                 moved[channel] = by_motion;
                 for (sum, t) in pose[channel].iter_mut().zip(turned) {
                     *sum += t;

@@ -1,10 +1,10 @@
 //! The image term's gradient: what it costs to change anything that colours are made of.
 
-use super::shading::{Point, Shading, slopes};
+use super::shading::{Point, Shading};
 use super::state::{Costs, ModeSearch};
 use super::surface::at;
 use super::unknowns::{COLOR, POSE};
-use super::vector::{Vec3, apply, cross, scale, sub, xyz};
+use super::vector::{Vec3, apply, cross, dot, scale, sub, xyz};
 use super::window::Window;
 use crate::render::rasterize::Hit;
 
@@ -33,13 +33,32 @@ impl ModeSearch<'_, '_> {
         1.0 / (sd * sd * self.problem.config.pixel_patch)
     }
 
-    /// The slopes of a triangle's barycentric coordinates in the window.
+    /// How the rendering changes from pixel to pixel, along x and y.
+    ///
+    /// A pixel stays where it is while the surface moves under it: what moves by `δp` in the window
+    /// brings the colour of `p − δp`. So `∂c/∂p` is minus this: the derivative of the rendered
+    /// picture, not of the photo. (The photo's gradient converges faster, but pulls the face to
+    /// whatever edge is near, such as the hair's.) Differences over two pixels see lips, lids and
+    /// nostrils as large as the picture does; slopes within a triangle that is smaller than a
+    /// pixel are those of a spike.
     #[inline(always)]
-    pub(super) fn slopes(&self, corners: [usize; 3]) -> [[f32; 2]; 3] {
-        slopes(corners.map(|v| {
-            let [x, y, ..] = at(self.surface.window, v);
-            [x, y]
-        }))
+    pub(super) fn differences(&self, x: usize, y: usize) -> [Vec3; 2] {
+        let width = self.problem.image.width as usize;
+        let index = y * width + x;
+        let rendered = |index: usize| {
+            let [r, g, b] = &self.planes.rendering;
+            let color = [at(r, index), at(g, index), at(b, index)];
+            (!color[0].is_nan()).then_some(color)
+        };
+        let along = |less: Option<usize>, more: Option<usize>| {
+            let (less, more) = (less.and_then(rendered), more.and_then(rendered));
+            let here = rendered(index).unwrap_or_default();
+            let k = if less.is_some() && more.is_some() { 0.5 } else { 1.0 };
+            scale(sub(more.unwrap_or(here), less.unwrap_or(here)), k)
+        };
+        let right = if x + 1 < width { Some(index + 1) } else { None };
+        let left = if x > 0 { Some(index.wrapping_sub(1)) } else { None };
+        [along(left, right), along(index.checked_sub(width), Some(index + width))]
     }
 
     /// Adds `−∂E/∂x` of the image term to the gradient.
@@ -65,7 +84,7 @@ impl ModeSearch<'_, '_> {
                 let Some((corners, point)) = self.point(shading, &hit) else { continue };
                 let difference = sub(self.photo(index), point.color);
                 let adjoint = shading.adjoint(&point, scale(difference, weight));
-                let motion = adjoint.motion(&point, &self.slopes(corners));
+                let motion = self.differences(x, y).map(|d| -weight * dot(difference, d));
                 for (vertex, w) in corners.into_iter().zip(point.weights) {
                     let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {
                         if let Some(to) = to {

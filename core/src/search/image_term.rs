@@ -12,7 +12,12 @@
 //! quietly at the outline. `N` is what `Σω` is by the landmarks' pose: to cover less is no gain.
 //! The derivative weighs a pixel's squared difference by its neighbours' mask:
 //!
-//! `m_p = (1 − ε_p) exp L_p / [(1 − ε_p) exp L_p + ε_p]`, `w = N/Σω · ω G(ωm/Gω)`.
+//! `m_p = (1 − ε_p) exp L_p / [(1 − ε_p) exp L_p + ε_p]`, `w = N/Σω · ω G(ωm/Gω)`,
+//!
+//! at held coverage: `ω` and `ε` belong to the pixel, not to the surface that moves under it. What
+//! lies beside the face has no model of its own, and much of it looks like the face (neck, ears,
+//! hair), so the derivative by where the outline runs leads to faces that are larger or smaller
+//! than the person's (docs/accuracy.md).
 //!
 //! A lone pixel may show anything: `ℓ` is `ln(exp ℓ + exp −HOPELESS)`, and `w` times the first
 //! summand's share.
@@ -109,8 +114,8 @@ impl ModeSearch<'_, '_> {
         Some(-sum * f64::from(share / self.problem.config.pixel_patch))
     }
 
-    /// Fills the weights with what the covered pixels have to say, the mask with the share of the
-    /// face in it, and two planes with `ωℓ` and `ω`; gives the number of covered pixels.
+    /// Fills the rendering, the weights with what the covered pixels have to say, the mask with the
+    /// share of the face in it, and two planes with `ωℓ` and `ω`; gives the number of covered pixels.
     fn compare_pixels(&mut self, scene: &Scene, ratios: &mut [f32], near: &mut [f32]) -> usize {
         let width = self.problem.image.width as usize;
         let sd = self.sd();
@@ -118,9 +123,12 @@ impl ModeSearch<'_, '_> {
         let normaliser = ln_normaliser(f64::from(sd)) as f32;
         let shading = Shading::new(scene);
         let occlusion = self.options.occlusion;
-        let Planes { mask, weights, .. } = &mut self.planes;
+        let Planes { mask, weights, rendering, .. } = &mut self.planes;
         for plane in [&mut **mask, weights, ratios, near] {
             plane.fill(0.0);
+        }
+        for plane in rendering {
+            plane.fill(f32::NAN);
         }
         let mut covered = 0;
         for y in self.frame.rows() {
@@ -134,7 +142,10 @@ impl ModeSearch<'_, '_> {
                 let anything = if occlusion { math::exp(-HOPELESS - ratio) } else { 0.0 };
                 let facing = shading.facing(&point) * (1.0 / FACING);
                 let say = self.options.open_at(index) * facing.clamp(0.0, 1.0);
-                let Planes { mask, weights, .. } = &mut self.planes;
+                let Planes { mask, weights, rendering, .. } = &mut self.planes;
+                for (plane, value) in rendering.iter_mut().zip(point.color) {
+                    set(plane, index, value);
+                }
                 set(ratios, index, say * (ratio + math::ln(1.0 + anything)) as f32);
                 set(near, index, say);
                 set(weights, index, say);

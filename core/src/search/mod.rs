@@ -3,13 +3,13 @@
 //! The unknowns are pose, camera, shape, albedo, light and colour transform ([`unknowns`]); what is
 //! minimised is
 //!
-//! `E = ½‖a‖² + ½‖b‖²/s² + priors + Σ landmarks + image term`
+//! `E = ½‖a‖² + ½Σ bᵢ²/sᵢ² + priors + Σ landmarks + image term`
 //!
 //! of shape coefficients `a` and albedo coefficients `b` (`priors.rs`, with `s`). A pixel may also
 //! show something before the face (`image_term.rs`, `occlusion.rs`).
 //!
-//! A step's direction is exact: the derivative of every covered pixel's colour, passed back by
-//! reverse differentiation through shading, normals, projection and basis (`shading.rs`,
+//! A step's direction is the derivative of every covered pixel's colour, passed back by reverse
+//! differentiation through shading, normals, projection and basis (`gradient.rs`, `shading.rs`,
 //! `surface.rs`), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
 //! the pixels, drawn evenly, others at every iteration. Steps that do not lower `E` are not taken,
 //! but damped more. Nothing is random.
@@ -46,7 +46,7 @@ const POSE_ITERATIONS: u32 = 40;
 /// Rolls to begin with, radians.
 const WAYS_UP: [f32; 4] = [0.0, FRAC_PI_2, PI, -FRAC_PI_2];
 /// Decrease of `E` below which a step counts as none.
-const STILL: f64 = 0.05;
+const STILL: f64 = 0.02;
 /// Steps in a row that count as none before the search has converged.
 const PATIENCE: u32 = 2;
 /// Dampings tried for one step.
@@ -187,20 +187,19 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             return None;
         }
         if !self.judged {
-            self.render();
-            let scene = self.scene.clone();
-            self.energy = self.in_passing(|search, memory| search.evaluate(&scene, memory));
+            self.judge();
         }
         let before = self.energy;
         let (covered, visible) = self.seen;
         let shading = Shading::new(&self.scene);
         self.gradient.fill(0.0);
         self.add_gradient(&shading);
-        let found = self.descend(&shading, covered, before);
-        self.judged = found.is_some();
-        if let Some((scene, energy)) = found {
+        if let Some((scene, energy)) = self.descend(&shading, covered, before) {
             (self.scene, self.energy) = (scene, energy);
             self.rendered = true;
+        } else {
+            // The planes are those of a step that was not taken.
+            self.judge();
         }
         let after = self.energy;
         for &parameter in self.scene.parameters() {
@@ -215,6 +214,14 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             self.enter(level + 1);
         }
         Some(Iteration { level, before, after, damping: self.damping, covered, visible })
+    }
+
+    /// Renders the scene and compares it with the photo.
+    fn judge(&mut self) {
+        self.render();
+        let scene = self.scene.clone();
+        self.energy = self.in_passing(|search, memory| search.evaluate(&scene, memory));
+        self.judged = true;
     }
 
     /// Energy of a scene that has been rendered; infinite if nothing of it is seen.

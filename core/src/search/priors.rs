@@ -19,8 +19,10 @@ pub struct Widths {
     pub intensity: [f32; 3],
     /// Of a channel's light about that mean, by band.
     pub chroma: [f32; 3],
-    /// Standard deviation of an albedo coefficient; the model's is 1.
-    pub albedo: f32,
+    /// Standard deviations of the albedo's leading coefficient, which is complexion all over, and of
+    /// the others; the model's is 1. Gaussian processes allow for more spots than people have,
+    /// and shadow and gloss would become skin.
+    pub albedo: [f32; 2],
     /// Of the logarithm of the focal length about the default camera's.
     pub focal: f32,
     /// Of the object's place, mm across.
@@ -34,7 +36,7 @@ impl Default for Widths {
             level: 0.1,
             intensity: [0.3, 0.25, 0.15],
             chroma: [0.04, 0.03, 0.02],
-            albedo: 0.7,
+            albedo: [1.0, 0.5],
             focal: 0.5,
             translation: 200.0,
         }
@@ -72,6 +74,12 @@ impl Priors<'_> {
         math::ln(f64::from(scene.camera.focal_length / self.focal_length)) as f32
     }
 
+    /// Standard deviation of an albedo coefficient.
+    fn albedo(&self, i: usize) -> f32 {
+        let [complexion, other] = self.widths.albedo;
+        if i == 0 { complexion } else { other }
+    }
+
     /// Standard deviations of a light coefficient's mean and of its channels about it.
     fn light(&self, i: usize) -> (f32, f32) {
         let band = BAND.get(i).copied().unwrap_or(0);
@@ -88,9 +96,11 @@ impl Priors<'_> {
             return f64::INFINITY;
         }
         let mut sum = 0.5 * sum_of_squares(&scene.shape)
-            + 0.5 * f64::from(precision(widths.albedo)) * sum_of_squares(&scene.albedo)
             + energy(self.ln_distance(scene), prior.distance_sd)
             + energy(self.ln_focal(scene), widths.focal);
+        for (i, &c) in scene.albedo.iter().enumerate() {
+            sum += energy(c, self.albedo(i));
+        }
         for axis in 0..2 {
             sum += energy(scene.pose.translation[axis], widths.translation);
         }
@@ -133,8 +143,8 @@ impl Priors<'_> {
         for &c in &scene.shape {
             pull(system, 1.0, c);
         }
-        for &c in &scene.albedo {
-            pull(system, precision(widths.albedo), c);
+        for (i, &c) in scene.albedo.iter().enumerate() {
+            pull(system, precision(self.albedo(i)), c);
         }
         for _ in 0..LIGHT {
             pull(system, 0.0, 0.0);

@@ -7,10 +7,7 @@
 //! * `∂E/∂n = Σ_c (∂E/∂ρ_c) ∇ρ_c(n)`, `∂E/∂ñ = (I − n nᵀ) ∂E/∂n / ‖ñ‖`;
 //! * light, gain, contrast and offset enter linearly.
 //!
-//! A pixel stays where it is while the surface moves under it: what moves by `δp` in the window
-//! brings the attributes of `p − δp`. Hence `∂E/∂p = −Σᵢ qᵢ ∇bᵢ`, `qᵢ = ∂E/∂ñ·nᵢ + ∂E/∂a·aᵢ`:
-//! the derivative of the rendered picture, not of the photo. (The photo's gradient converges
-//! faster, but pulls the face to whatever edge is near, such as the hair's.)
+//! How colours follow the motion of the surface in the window: `gradient.rs`.
 
 use super::unknowns::COLOR;
 use super::vector::{Vec3, add, apply, apply_transposed, dot, scale, sub, times};
@@ -34,8 +31,6 @@ pub(super) struct Point {
     pub(super) weights: Vec3,
     /// Normals of the corners.
     pub(super) normals: [Vec3; 3],
-    /// Albedo of the corners.
-    pub(super) albedos: [Vec3; 3],
     normal: Vec3,
     inverse_length: f32,
     albedo: Vec3,
@@ -82,7 +77,7 @@ impl Shading {
         let normal = scale(n, inverse_length);
         let radiance = self.light.radiance(normal);
         let color = add(apply(&self.mix, times(albedo, radiance)), self.color.offset);
-        Point { weights, normals, albedos, normal, inverse_length, albedo, radiance, color }
+        Point { weights, normals, normal, inverse_length, albedo, radiance, color }
     }
 
     /// Cosine of a point's normal and the direction from which it is seen, or nearly so.
@@ -117,33 +112,4 @@ impl Shading {
             color,
         }
     }
-}
-
-impl Adjoint {
-    /// `∂E/∂p`: what it costs that the surface moves in the window. `slopes` are the gradients of
-    /// the corners' weights.
-    #[inline(always)]
-    pub(super) fn motion(&self, point: &Point, slopes: &[[f32; 2]; 3]) -> [f32; 2] {
-        let mut motion = [0.0; 2];
-        for (slope, (normal, albedo)) in
-            slopes.iter().zip(point.normals.into_iter().zip(point.albedos))
-        {
-            let q = dot(self.normal, normal) + dot(self.albedo, albedo);
-            motion[0] -= q * slope[0];
-            motion[1] -= q * slope[1];
-        }
-        motion
-    }
-}
-
-/// Gradients of a window triangle's three barycentric coordinates, per pixel; zero if it has no
-/// area.
-#[inline(always)]
-pub(super) fn slopes([a, b, c]: [[f32; 2]; 3]) -> [[f32; 2]; 3] {
-    let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
-    // On the window's grid an area is a multiple of 2⁻¹⁶.
-    let k = if area == 0.0 { 0.0 } else { 1.0 / area };
-    let second = [(c[1] - a[1]) * k, (a[0] - c[0]) * k];
-    let third = [(a[1] - b[1]) * k, (b[0] - a[0]) * k];
-    [[-second[0] - third[0], -second[1] - third[1]], second, third]
 }

@@ -26,12 +26,14 @@ pub struct Level {
 }
 
 /// The levels of a search, coarse to fine.
-pub const LEVELS: [Level; 4] = [
+pub const LEVELS: [Level; 5] = [
     Level { blur: 4.0, error: 2.8, iterations: 5 },
     Level { blur: 2.0, error: 1.86, iterations: 5 },
     Level { blur: 1.0, error: 1.4, iterations: 5 },
+    Level { blur: 0.0, error: 1.3, iterations: 10 },
     Level { blur: 0.0, error: 1.0, iterations: 30 },
 ];
+
 /// What a search needs to know besides the problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options<'a> {
@@ -65,8 +67,8 @@ pub fn words(problem: &Problem<'_>) -> usize {
 
 /// The same of sizes that are known before there is a problem.
 ///
-/// Per pixel what is visible (4), the photo (3), the background's density, mask and weight; per
-/// vertex its position, normal, albedo and window coordinates (4 each) and where its faces are
+/// Per pixel what is visible (4), photo and rendering (3 each), the background's density, mask and
+/// weight; per vertex its position, normal, albedo and window coordinates (4 each) and where its faces are
 /// listed, 3 per triangle; the landmarks' rows of the basis; what is needed in passing; and, unless
 /// it is to be lean, copies of the bases.
 pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
@@ -80,7 +82,7 @@ pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
         + rows_words(d.landmarks, d.shape_rank)
         + passing_words(d.vertices, pixels, n)
         + 5 * n;
-    6 * pixels + rest
+    9 * pixels + rest
 }
 
 /// Words of copies of both bases, which cost memory and save time.
@@ -124,6 +126,8 @@ impl Energy {
 pub(super) struct Planes<'w> {
     /// The photo at this level.
     pub(super) photo: [&'w mut [f32]; 3],
+    /// The rendering; NaN where nothing is covered.
+    pub(super) rendering: [&'w mut [f32]; 3],
     pub(super) ln_background: &'w mut [f32],
     /// Probability that a covered pixel shows the face; 0 where nothing is covered.
     pub(super) mask: &'w mut [f32],
@@ -191,7 +195,7 @@ pub struct ModeSearch<'a, 'w> {
     pub(super) seen: (usize, f32),
     /// What the pixels that the face covers by the landmarks alone have to say.
     pub(super) expected: f32,
-    /// Whether energy, mask and weights are the scene's at this level.
+    /// Whether energy and planes are the scene's at this level.
     pub(super) judged: bool,
     pub(super) energy: Energy,
 }
@@ -214,6 +218,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let mut plane = || carver.floats(pixels);
         let planes = Planes {
             photo: [plane()?, plane()?, plane()?],
+            rendering: [plane()?, plane()?, plane()?],
             ln_background: plane()?,
             mask: plane()?,
             weights: plane()?,
