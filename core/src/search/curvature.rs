@@ -10,8 +10,6 @@ use crate::basis::Costs;
 use crate::least_squares::System;
 use core::array::from_fn;
 
-/// The most pixels whose rows make the matrix.
-pub const SAMPLES: usize = 1500;
 /// Of successive iterations' first pixels: by this share of the way to the next, no two are alike
 /// and all are as far apart as can be.
 const GOLDEN: f64 = 0.618_033_988_749_895;
@@ -28,7 +26,7 @@ impl ModeSearch<'_, '_> {
         system: &mut System<'_>,
     ) {
         let width = self.problem.image.width as usize;
-        let stride = (covered as f64 / SAMPLES as f64).max(1.0);
+        let stride = (covered as f64 / self.level().samples as f64).max(1.0);
         let turn = GOLDEN * f64::from(self.iterations);
         let mut next = (turn - f64::from(turn as u32)) * stride;
         let weight = self.pixel_weight() * stride as f32;

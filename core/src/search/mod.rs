@@ -35,7 +35,6 @@ use crate::chain::{ChainError, Problem};
 use crate::least_squares::{System, system_words};
 use crate::scene::Scene;
 use core::f32::consts::{FRAC_PI_2, PI};
-pub use curvature::SAMPLES;
 use shading::Shading;
 pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words, words_for};
 use surface::at;

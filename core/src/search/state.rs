@@ -21,17 +21,19 @@ pub struct Level {
     pub blur: f32,
     /// Standard deviation of a pixel's colour channel, as a multiple of the configuration's.
     pub error: f32,
+    /// The most pixels whose rows make a step's metric.
+    pub samples: usize,
     /// The most iterations.
     pub iterations: u32,
 }
 
 /// The levels of a search, coarse to fine.
 pub const LEVELS: [Level; 5] = [
-    Level { blur: 4.0, error: 2.8, iterations: 5 },
-    Level { blur: 2.0, error: 1.86, iterations: 5 },
-    Level { blur: 1.0, error: 1.4, iterations: 5 },
-    Level { blur: 0.0, error: 1.3, iterations: 10 },
-    Level { blur: 0.0, error: 1.0, iterations: 30 },
+    Level { blur: 4.0, error: 2.8, samples: 500, iterations: 5 },
+    Level { blur: 2.0, error: 1.86, samples: 500, iterations: 5 },
+    Level { blur: 1.0, error: 1.4, samples: 500, iterations: 5 },
+    Level { blur: 0.0, error: 1.3, samples: 1500, iterations: 10 },
+    Level { blur: 0.0, error: 1.0, samples: 1500, iterations: 30 },
 ];
 
 /// What a search needs to know besides the problem.
