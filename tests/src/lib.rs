@@ -3,3 +3,4 @@
 pub mod coarse;
 pub mod full;
 pub mod program;
+pub mod truth;

@@ -13,10 +13,10 @@ use onescan::mesh::Mesh;
 use onescan::model::layout;
 use onescan::photo::Crop;
 use onescan::render;
-use onescan::scan::rigid::Rigid;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
+use onescan_tests::truth::{distances_after_alignment, rms};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Mutex;
@@ -31,6 +31,8 @@ struct Errors {
     landmarks: f64,
     pixels: f64,
     shape: f64,
+    /// The same up to size.
+    form: f64,
     albedo: f64,
 }
 
@@ -73,6 +75,12 @@ fn nearer_on_average(cases: &[Case]) {
     for (group, yaw) in YAWS.iter().enumerate() {
         let Case { mean, fit } = average(cases, group);
         assert!(fit.shape < mean.shape, "{yaw}°: shape {} is not below {}", fit.shape, mean.shape);
+        assert!(
+            fit.form < mean.form,
+            "{yaw}°: up to size, {} is not below {}",
+            fit.form,
+            mean.form
+        );
         assert!(
             fit.albedo < mean.albedo,
             "{yaw}°: albedo {} is not below {}",
@@ -158,29 +166,14 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize, schedule: Schedule
 
 fn errors(model: &Model<'_>, fit: &Fit, truth: &Mesh) -> Errors {
     let found = render::instance(model, &fit.best.scene.shape, &fit.best.scene.albedo);
+    let [shape, form] = distances_after_alignment(&found.points, &truth.points);
     Errors {
         landmarks: fit.best_quality.landmark_rmse,
         pixels: fit.best_quality.pixel_rmse,
-        shape: distance_after_alignment(&found.points, &truth.points),
+        shape,
+        form,
         albedo: rms(found.colors.as_flattened().iter().zip(truth.colors.as_flattened()), 1),
     }
-}
-
-/// Root mean square over groups of `per` differences.
-fn rms<'a>(pairs: impl Iterator<Item = (&'a f32, &'a f32)>, per: usize) -> f64 {
-    let (mut sum, mut count) = (0.0, 0);
-    for (a, b) in pairs {
-        sum += f64::from(a - b).powi(2);
-        count += 1;
-    }
-    (sum / (count / per).max(1) as f64).sqrt()
-}
-
-/// Root mean square vertex distance, mm, after the best rotation and translation.
-fn distance_after_alignment(moving: &[[f32; 3]], fixed: &[[f32; 3]]) -> f64 {
-    let motion = Rigid::between(moving, fixed).unwrap();
-    let moved: Vec<_> = moving.iter().map(|&p| motion.apply(p)).collect();
-    rms(moved.as_flattened().iter().zip(fixed.as_flattened()), 3)
 }
 
 /// Averages over one yaw group.
@@ -191,6 +184,7 @@ fn average(cases: &[Case], group: usize) -> Case {
         landmarks: mean(&|c| pick(c).landmarks),
         pixels: mean(&|c| pick(c).pixels),
         shape: mean(&|c| pick(c).shape),
+        form: mean(&|c| pick(c).form),
         albedo: mean(&|c| pick(c).albedo),
     };
     Case { mean: errors(&|c| c.mean), fit: errors(&|c| c.fit) }
@@ -198,15 +192,17 @@ fn average(cases: &[Case], group: usize) -> Case {
 
 fn table(cases: &[Case]) -> String {
     let mut text = String::from(
-        "| yaw | | landmarks, px | pixel RMSE | shape, mm | albedo RMSE |\n|---|---|---|---|---|---|\n",
+        "| yaw | | landmarks, px | pixel RMSE | shape, mm | up to size, mm | albedo RMSE |\n\
+         |---|---|---|---|---|---|---|\n",
     );
     for (group, yaw) in YAWS.iter().enumerate() {
         let Case { mean, fit } = average(cases, group);
         for (name, e) in [("mean face", mean), ("fit", fit)] {
-            let Errors { landmarks, pixels, shape, albedo } = e;
+            let Errors { landmarks, pixels, shape, form, albedo } = e;
             writeln!(
                 text,
-                "| {yaw}° | {name} | {landmarks:.2} | {pixels:.4} | {shape:.2} | {albedo:.4} |"
+                "| {yaw}° | {name} | {landmarks:.2} | {pixels:.4} | {shape:.2} | {form:.2} | \
+                 {albedo:.4} |"
             )
             .unwrap();
         }

@@ -11,6 +11,7 @@ mod no_std;
 mod page;
 #[cfg(test)]
 mod rooms;
+mod rough;
 mod shell;
 mod synthetic;
 mod targets;
@@ -95,6 +96,12 @@ const COMMANDS: &[Command] = &[
         usage: "synthetic [--schedule NAME]",
         about: "fits faces of known truth and rewrites the table in docs/synthetic.md",
         run: synthetic::run,
+    },
+    Command {
+        name: "rough",
+        usage: "rough [DIR]",
+        about: "fits rough pictures PERSON_YAW.jpg of the sixty people, and says how near and how well told apart",
+        run: rough::run,
     },
     Command {
         name: "bench",

@@ -1,0 +1,212 @@
+//! Fits to pictures of known truth that no renderer of ours made, with hair, gloss and cast shadow:
+//! the fit is nearer to the person than the template is.
+//!
+//! Three of the sixty people at four yaws are in `fixtures/rough`, and fitted with 50 + 50
+//! components. `cargo xtask rough DIR` has this test fit all pictures of a directory, by all
+//! components of a 199 + 199 model, and print how well people are recognised: `ONESCAN_ROUGH=DIR`.
+
+use onescan::demo::{template, template_model};
+use onescan::experiment::faces::{Identity, identities};
+use onescan::fit::{Control, Ending, Job, Schedule};
+use onescan::photo::tlms::Tlms;
+use onescan::photo::{self, Crop};
+use onescan::render;
+use onescan_core::model::Model;
+use onescan_tests::truth::{distances_after_alignment, rms};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+
+const YAWS: [u32; 4] = [0, 15, 30, 45];
+
+/// What a face has in common with the truth: distance up to size, mm; albedo's difference; the same
+/// after one gain per channel.
+#[derive(Clone, Copy, Default)]
+struct Errors([f64; 3]);
+
+impl Errors {
+    fn of(points: &[[f32; 3]], colors: &[[f32; 3]], truth: &Identity) -> Self {
+        let [_, form] = distances_after_alignment(points, &truth.points);
+        let difference = |colors: &[[f32; 3]]| {
+            rms(colors.as_flattened().iter().zip(truth.colors.as_flattened()), 1)
+        };
+        let seen: Vec<[f32; 3]> = colors.iter().map(|c| c.map(|c| c.clamp(0.0, 1.0))).collect();
+        let gains: [f32; 3] = std::array::from_fn(|c| {
+            let sum =
+                |f: &dyn Fn(usize) -> f32| (0..seen.len()).map(|v| f64::from(f(v))).sum::<f64>();
+            (sum(&|v| seen[v][c] * truth.colors[v][c]) / sum(&|v| seen[v][c].powi(2))) as f32
+        });
+        let gained: Vec<[f32; 3]> =
+            seen.iter().map(|color| std::array::from_fn(|c| gains[c] * color[c])).collect();
+        Self([form, difference(&seen), difference(&gained)])
+    }
+}
+
+/// A fitted picture.
+struct Fitted {
+    person: usize,
+    yaw: u32,
+    shape: Vec<f32>,
+    albedo: Vec<f32>,
+    errors: Errors,
+    template: Errors,
+}
+
+#[test]
+fn a_fit_to_a_rough_picture_is_nearer_than_the_template() {
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures");
+    let all = std::env::var_os("ONESCAN_ROUGH").map(PathBuf::from);
+    let rank = if all.is_some() { 199 } else { 50 };
+    let pictures = pictures(all.as_deref().unwrap_or(&fixtures.join("rough")));
+    let fitted = fit(&pictures, rank, &identities(&fixtures).unwrap());
+    if all.is_some() {
+        recognition(&fitted);
+    }
+    let mut nearer = 0;
+    for yaw in YAWS {
+        let of: Vec<_> = fitted.iter().filter(|fitted| fitted.yaw == yaw).collect();
+        let mean = |f: &dyn Fn(&Fitted) -> Errors| -> [f64; 3] {
+            std::array::from_fn(|i| of.iter().map(|x| f(x).0[i]).sum::<f64>() / of.len() as f64)
+        };
+        let (fit, template) = (mean(&|x| x.errors), mean(&|x| x.template));
+        println!(
+            "yaw {yaw:2} n {} shape {:.2} mm (template {:.2})  albedo {:.4} (template {:.4})  \
+             with gains {:.4} (template {:.4})",
+            of.len(),
+            fit[0],
+            template[0],
+            fit[1],
+            template[1],
+            fit[2],
+            template[2]
+        );
+        assert!(fit[0] < template[0], "{yaw}°: shape {} is not below {}", fit[0], template[0]);
+        assert!(fit[1] < template[1], "{yaw}°: albedo {} is not below {}", fit[1], template[1]);
+        nearer += of.iter().filter(|x| x.errors.0[0] < x.template.0[0]).count();
+    }
+    assert!(4 * nearer >= 3 * fitted.len(), "shape is nearer in {nearer} of {}", fitted.len());
+}
+
+/// Person, yaw and path of every picture `PERSON_YAW.jpg`.
+fn pictures(directory: &Path) -> Vec<(usize, u32, PathBuf)> {
+    let entries = std::fs::read_dir(directory).unwrap_or_else(|e| {
+        panic!("{}: {e}; expected pictures PERSON_YAW.jpg", directory.display())
+    });
+    let mut pictures: Vec<_> = entries
+        .filter_map(|entry| {
+            let path = entry.unwrap().path();
+            let (person, yaw) = path.file_stem()?.to_str()?.split_once('_')?;
+            let numbers = (person.parse().ok()?, yaw.parse().ok()?);
+            (path.extension()? == "jpg").then_some((numbers.0, numbers.1, path.clone()))
+        })
+        .collect();
+    pictures.sort();
+    assert!(!pictures.is_empty(), "{}: no pictures PERSON_YAW.jpg", directory.display());
+    pictures
+}
+
+fn fit(pictures: &[(usize, u32, PathBuf)], rank: usize, people: &[Identity]) -> Vec<Fitted> {
+    let built = template_model(rank, &mut |_, _| ()).unwrap();
+    let model = built.model.view();
+    let (template, _) = template().unwrap();
+    let next = AtomicUsize::new(0);
+    let all = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, Into::into) {
+            scope.spawn(|| {
+                while let Some((person, yaw, path)) =
+                    pictures.get(next.fetch_add(1, Ordering::Relaxed))
+                {
+                    let (shape, albedo) = parameters(&model, path);
+                    let found = render::instance(&model, &shape, &albedo);
+                    let truth = &people[*person];
+                    let fitted = Fitted {
+                        person: *person,
+                        yaw: *yaw,
+                        errors: Errors::of(&found.points, &found.colors, truth),
+                        template: Errors::of(&template.points, &template.colors, truth),
+                        shape,
+                        albedo,
+                    };
+                    let mut all = all.lock().unwrap();
+                    all.push(fitted);
+                    if all.len().is_multiple_of(20) {
+                        println!("{} of {} pictures fitted", all.len(), pictures.len());
+                    }
+                }
+            });
+        }
+    });
+    all.into_inner().unwrap()
+}
+
+/// Shape and albedo as `onescan fit` finds them.
+fn parameters(model: &Model<'_>, path: &Path) -> (Vec<f32>, Vec<f32>) {
+    let picture = photo::read(path).unwrap();
+    let landmarks = Tlms::read(&path.with_extension("tlms")).unwrap();
+    let size = [picture.width, picture.height];
+    let points = landmarks.visible_points();
+    let schedule = Schedule::Mode;
+    let job = Job {
+        model,
+        photo: &picture,
+        landmarks: &landmarks,
+        crop: Crop::around(&points, size, Crop::ENLARGE, 256).unwrap(),
+        mask: None,
+        schedule,
+        config: schedule.config(model),
+        seed: 0,
+        chains: 1,
+    };
+    let (stop, steps) = (AtomicBool::new(false), AtomicU64::new(0));
+    let Ending::Done(fit) = job.run(None, &Control { stop: &stop, steps: &steps }).unwrap() else {
+        panic!("nobody stopped the fit");
+    };
+    (fit.best.scene.shape.to_vec(), fit.best.scene.albedo.to_vec())
+}
+
+/// Prints how often the nearest of all faces at 0° is the same person's, by the cosine of
+/// coefficients, and how far apart cosines of the same and of other people are, in their pooled
+/// standard deviation.
+fn recognition(fitted: &[Fitted]) {
+    type Vector = fn(&Fitted) -> Vec<f32>;
+    let kinds: [(&str, Vector); 3] = [
+        ("joint", |f| [&f.shape[..], &f.albedo].concat()),
+        ("shape", |f| f.shape.clone()),
+        ("albedo", |f| f.albedo.clone()),
+    ];
+    let cosine = |a: &[f32], b: &[f32]| {
+        let dot =
+            |a: &[f32], b: &[f32]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum() };
+        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
+    };
+    let at = |yaw: u32| fitted.iter().filter(move |f| f.yaw == yaw);
+    for yaw in &YAWS[1..] {
+        for (name, vector) in kinds {
+            let (mut hits, mut same, mut other) = (0, Vec::new(), Vec::new());
+            for probe in at(*yaw) {
+                let wanted = vector(probe);
+                let cosines: Vec<_> =
+                    at(YAWS[0]).map(|f| (cosine(&wanted, &vector(f)), f.person)).collect();
+                let nearest = cosines.iter().max_by(|a, b| a.0.total_cmp(&b.0));
+                hits += usize::from(nearest.is_some_and(|(_, person)| *person == probe.person));
+                for (cosine, person) in cosines {
+                    if person == probe.person { same.push(cosine) } else { other.push(cosine) }
+                }
+            }
+            let moments = |x: &[f64]| {
+                let mean = x.iter().sum::<f64>() / x.len() as f64;
+                (mean, x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64)
+            };
+            let (a, b) = (moments(&same), moments(&other));
+            println!(
+                "yaw {yaw:2} n {} {name:6} rank-1 {:5.1} %  d' {:.2}  cosine {:.2} / {:.2}",
+                same.len(),
+                100.0 * f64::from(hits as u32) / same.len() as f64,
+                (a.0 - b.0) / (0.5 * (a.1 + b.1)).sqrt(),
+                a.0,
+                b.0
+            );
+        }
+    }
+}
