@@ -355,6 +355,9 @@ fn levels(f: &mut impl Write, s: &Summary, mode: &ModeFound) -> fmt::Result {
         rest = after;
         let points: Vec<_> = own.iter().map(|&(step, value)| (f64::from(step), value)).collect();
         let name = match level.blur {
+            0.0 if level.error > 1.0 => {
+                format!("The photo itself, errors {} times as large", number(level.error.into(), 1))
+            }
             0.0 => "The photo itself".to_owned(),
             blur => format!("The photo blurred by {} px", number(blur.into(), 0)),
         };
