@@ -55,13 +55,7 @@ mod tests {
         assert!(similar < 1e-5, "{similar}");
         let centre: [f32; 3] =
             std::array::from_fn(|i| points.iter().map(|p| p[i]).sum::<f32>() / 4.0);
-        let spread = rms(
-            points
-                .iter()
-                .flatten()
-                .zip(std::iter::repeat_n(centre, 4).flatten().collect::<Vec<_>>().iter()),
-            3,
-        );
+        let spread = rms(points.as_flattened().iter().zip([centre; 4].as_flattened()), 3);
         assert!((rigid - 0.5 * spread).abs() < 1e-5, "{rigid} {spread}");
     }
 }

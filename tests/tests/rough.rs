@@ -19,9 +19,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 const YAWS: [u32; 4] = [0, 15, 30, 45];
 
-/// What a face has in common with the truth: distance up to size, mm; albedo's difference; the same
+/// How far a face is from the truth: distance up to size, mm; albedo's difference; the same
 /// after one gain per channel.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Errors([f64; 3]);
 
 impl Errors {
@@ -65,6 +65,9 @@ fn a_fit_to_a_rough_picture_is_nearer_than_the_template() {
     let mut nearer = 0;
     for yaw in YAWS {
         let of: Vec<_> = fitted.iter().filter(|fitted| fitted.yaw == yaw).collect();
+        if of.is_empty() {
+            continue;
+        }
         let mean = |f: &dyn Fn(&Fitted) -> Errors| -> [f64; 3] {
             std::array::from_fn(|i| of.iter().map(|x| f(x).0[i]).sum::<f64>() / of.len() as f64)
         };
@@ -119,7 +122,9 @@ fn fit(pictures: &[(usize, u32, PathBuf)], rank: usize, people: &[Identity]) -> 
                 {
                     let (shape, albedo) = parameters(&model, path);
                     let found = render::instance(&model, &shape, &albedo);
-                    let truth = &people[*person];
+                    let truth = people.get(*person).unwrap_or_else(|| {
+                        panic!("{}: no such person, of {}", path.display(), people.len())
+                    });
                     let fitted = Fitted {
                         person: *person,
                         yaw: *yaw,

@@ -100,7 +100,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "rough",
         usage: "rough [DIR]",
-        about: "fits rough pictures PERSON_YAW.jpg of the sixty people, and says how near and how well told apart",
+        about: "fits rough pictures of the sixty people: how near the truth, how well told apart",
         run: rough::run,
     },
     Command {

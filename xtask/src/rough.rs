@@ -16,7 +16,10 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     };
     if !directory.is_dir() {
         if !arguments.is_empty() {
-            return Err(format!("{}: no such directory", directory.display()));
+            return Err(format!(
+                "{}: no such directory; expected one of pictures PERSON_YAW.jpg and .tlms",
+                directory.display()
+            ));
         }
         println!("skipped: no {}; cargo xtask rough DIR names another", directory.display());
         return Ok(());

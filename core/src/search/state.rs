@@ -70,9 +70,9 @@ pub fn words(problem: &Problem<'_>) -> usize {
 /// The same of sizes that are known before there is a problem.
 ///
 /// Per pixel what is visible (4), photo and rendering (3 each), the background's density, mask and
-/// weight; per vertex its position, normal, albedo and window coordinates (4 each) and where its faces are
-/// listed, 3 per triangle; the landmarks' rows of the basis; what is needed in passing; and, unless
-/// it is to be lean, copies of the bases.
+/// weight; per vertex its position, normal, albedo and window coordinates (4 each) and where its
+/// faces are listed, 3 per triangle; the landmarks' rows of the basis; what is needed in passing;
+/// and, unless it is to be lean, copies of the bases.
 pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
     let n = layout.len();
