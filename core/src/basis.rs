@@ -161,11 +161,11 @@ impl<'a> Basis<'a> {
     #[inline(always)]
     pub fn rows(&self, entries: Option<&ByVertex<'_>>, costs: &[Costs], rows: [&mut [f32]; 3]) {
         let mut sums = [[[0.0; lanes::LANES]; GROUPS]; 3];
+        let groups = rows[0].len().min(self.rank()).div_ceil(lanes::LANES);
         for (vertex, costs) in costs {
             if let Some(entries) = entries {
-                add_rows(entries.at(*vertex).iter().copied(), costs, &mut sums);
+                add_rows(entries.at(*vertex).iter().take(groups).copied(), costs, &mut sums);
             } else {
-                let groups = self.rank().div_ceil(lanes::LANES);
                 let entries = (0..groups).map(|group| self.group(*vertex, group));
                 add_rows(entries, costs, &mut sums);
             }

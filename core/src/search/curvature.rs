@@ -125,7 +125,7 @@ impl ModeSearch<'_, '_> {
             *color = adjoint.color;
         }
         for row in &self.rows {
-            system.add_row(row, weight, 0.0);
+            system.add_row(row.get(..self.layout.len()).unwrap_or_default(), weight, 0.0);
         }
     }
 }

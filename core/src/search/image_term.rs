@@ -19,18 +19,19 @@
 //! hair), so the derivative by where the outline runs leads to faces that are larger or smaller
 //! than the person's (docs/accuracy.md).
 //!
-//! A lone pixel may show anything: `ℓ` is `ln(exp ℓ + exp −HOPELESS)`, and `w` times the first
-//! summand's share.
+//! A lone pixel may show anything, unless it is never hidden: `ℓ` is `ln(exp ℓ + exp −HOPELESS)`,
+//! and `w` times the first summand's share.
 
 use super::occlusion::mapped;
 use super::picture;
 use super::shading::Shading;
 use super::state::{ModeSearch, Planes};
 use super::surface::at;
-use super::vector::{add, dot, scale, sub};
+use super::vector::{Vec3, add, dot, scale, sub};
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::pixels::ln_normaliser;
 use crate::math;
+use crate::model::Model;
 use crate::render::rasterize::Hit;
 use crate::scene::Scene;
 
@@ -122,7 +123,6 @@ impl ModeSearch<'_, '_> {
         let k = 1.0 / (2.0 * sd * sd);
         let normaliser = ln_normaliser(f64::from(sd)) as f32;
         let shading = Shading::new(scene);
-        let occlusion = self.options.occlusion;
         let Planes { mask, weights, rendering, .. } = &mut self.planes;
         for plane in [&mut **mask, weights, ratios, near] {
             plane.fill(0.0);
@@ -139,7 +139,8 @@ impl ModeSearch<'_, '_> {
                 let difference = sub(self.photo(index), point.color);
                 let face = normaliser - k * dot(difference, difference);
                 let ratio = f64::from(face - at(self.planes.ln_background, index));
-                let anything = if occlusion { math::exp(-HOPELESS - ratio) } else { 0.0 };
+                let anything =
+                    if self.hidden(&hit) > 0.0 { math::exp(-HOPELESS - ratio) } else { 0.0 };
                 let facing = shading.facing(&point) * (1.0 / FACING);
                 let say = self.options.open_at(index) * facing.clamp(0.0, 1.0);
                 let Planes { mask, weights, rendering, .. } = &mut self.planes;
@@ -163,16 +164,39 @@ impl ModeSearch<'_, '_> {
             return 0.0;
         }
         let model = self.problem.model;
-        let Some(corners) = model.triangles.get(hit.triangle) else { return 0.5 };
-        let corners = corners.map(|v| v as usize);
-        let [second, third] = hit.weights;
-        if let Some(map) = model.occlusion() {
-            return mapped(map, corners, [1.0 - second - third, second, third]);
+        let Some((corners, weights)) = self.corners(hit) else { return 0.5 };
+        let place = mean_place(model, corners, weights);
+        if self.hiding.in_seen_eye(place) {
+            return 0.0;
         }
-        let [a, b, c] = corners.map(|v| model.shape.mean_at(v));
-        let place = add(add(scale(a, 1.0 - second - third), scale(b, second)), scale(c, third));
-        self.hiding.at(place)
+        model.occlusion().map_or_else(|| self.hiding.at(place), |map| mapped(map, corners, weights))
     }
+
+    /// Decides which eyes are seen, by the mask as it is.
+    pub(super) fn look_at_eyes(&mut self) {
+        let mut hiding = self.hiding;
+        let width = self.problem.image.width as usize;
+        let pixels = self.frame.rows().flat_map(|y| self.frame.columns().map(move |x| (x, y)));
+        hiding.look_at_eyes(pixels.filter_map(|(x, y)| {
+            let (corners, weights) = self.corners(&self.frame.hit(x, y)?)?;
+            let place = mean_place(self.problem.model, corners, weights);
+            Some((place, at(self.planes.mask, y * width + x)))
+        }));
+        self.hiding = hiding;
+    }
+
+    /// Corners of a visible triangle and their weights.
+    fn corners(&self, hit: &Hit) -> Option<([usize; 3], Vec3)> {
+        let corners = self.problem.model.triangles.get(hit.triangle)?;
+        let [second, third] = hit.weights;
+        Some((corners.map(|v| v as usize), [1.0 - second - third, second, third]))
+    }
+}
+
+/// A point of a triangle on the mean surface.
+fn mean_place(model: &Model<'_>, corners: [usize; 3], [u, v, w]: Vec3) -> Vec3 {
+    let [a, b, c] = corners.map(|corner| model.shape.mean_at(corner));
+    add(add(scale(a, u), scale(b, v)), scale(c, w))
 }
 
 fn set(plane: &mut [f32], index: usize, value: f32) {

@@ -14,8 +14,8 @@
 //! the pixels, drawn evenly, others at every iteration. Steps that do not lower `E` are not taken,
 //! but damped more. Nothing is random.
 //!
-//! From coarse to fine: the photo is blurred less and a pixel's error is smaller at every level
-//! ([`Level`]).
+//! From coarse to fine: the photo is blurred less, a pixel's error is smaller and more components
+//! are sought at every level ([`Level`]).
 
 mod curvature;
 mod gradient;
@@ -170,6 +170,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.still = 0;
         self.judged = false;
         self.damping = 1e-2;
+        self.layout = self.layout_of(self.level());
         let blur = self.level().blur;
         let width = self.problem.image.width as usize;
         for (c, plane) in self.planes.photo.iter_mut().enumerate() {
@@ -210,6 +211,9 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.iteration += 1;
         self.iterations += 1;
         if !self.finest() && (self.iteration >= self.level().iterations || self.still > 0) {
+            if LEVELS.get(level + 1).is_some_and(|next| next.blur == 0.0) {
+                self.look_at_eyes();
+            }
             self.enter(level + 1);
         }
         Some(Iteration { level, before, after, damping: self.damping, covered, visible })
@@ -265,7 +269,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             &self.landmarks,
             &self.scene,
             self.problem.config.landmark_sd,
-            self.components,
+            self.components.get_mut(..self.layout.shape_rank)?,
             &mut system,
         );
         self.priors().add(&self.scene, self.layout, &mut system);

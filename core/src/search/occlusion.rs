@@ -2,8 +2,11 @@
 //!
 //! A point of the face is hidden with probability ε: that of the model's map, or, if it has none,
 //! hardly within the face, mostly above the brows and at the sides, where hair is.
+//!
+//! Eyes are of any colour, and gloss; only what is around them tells whether they are seen. Once the
+//! face has been found in the blurred photo, eyes whose surroundings are seen are never hidden.
 
-use super::vector::{Vec3, dot};
+use super::vector::{Vec3, add, dot, scale, sub};
 use crate::math;
 use crate::model::Model;
 
@@ -15,6 +18,10 @@ const HAIR: f32 = 0.8;
 const ABOVE_BROWS: [f32; 2] = [5.0, 15.0];
 /// The same sideways, in units of the distance of the eyes' outer corners from the middle.
 const SIDEWAYS: [f32; 2] = [1.31, 0.27];
+/// Half the width and height of an eye, in units of half the distance of its corners.
+const EYE: [f32; 2] = [1.1, 0.55];
+/// How far its surroundings reach, in units of its own size.
+const AROUND: f32 = 1.8;
 /// ε of a model without these landmarks.
 const ANYWHERE: f32 = 0.1;
 /// The nearest to 0 and 1 that a map's ε comes: the photo may always say otherwise.
@@ -26,21 +33,78 @@ pub(super) struct Hiding {
     /// Height of the brows and half the distance of the eyes' outer corners; `None` of a model
     /// that has not the landmarks of a face.
     face: Option<[f32; 2]>,
+    /// `None` of a model that has not the corners.
+    eyes: [Option<Eye>; 2],
+}
+
+/// An eye of the mean face.
+#[derive(Clone, Copy, Debug)]
+struct Eye {
+    middle: Vec3,
+    /// Half the distance of its corners.
+    half: f32,
+    /// Whether it is known to be seen.
+    seen: bool,
+}
+
+impl Eye {
+    fn of(model: &Model<'_>, [inner, outer]: [&str; 2]) -> Option<Self> {
+        let [inner, outer] = [place(model, inner)?, place(model, outer)?];
+        let across = sub(outer, inner);
+        let half = 0.5 * math::sqrt(dot(across, across));
+        Some(Self { middle: scale(add(inner, outer), 0.5), half, seen: false })
+    }
+
+    /// Square of a point's distance from the middle: 1 on the border.
+    fn distance(&self, [x, y, _]: Vec3) -> f32 {
+        let [dx, dy] = [x - self.middle[0], y - self.middle[1]];
+        let [x, y] = [dx / (EYE[0] * self.half), dy / (EYE[1] * self.half)];
+        x * x + y * y
+    }
+}
+
+/// A landmark's place on the mean face.
+fn place(model: &Model<'_>, name: &str) -> Option<Vec3> {
+    Some(model.shape.mean_at(model.landmark(name)? as usize))
 }
 
 impl Hiding {
     pub(super) fn of(model: &Model<'_>) -> Self {
-        let place = |name: &str| Some(model.shape.mean_at(model.landmark(name)? as usize));
         let face = || {
             let brows = model
                 .landmarks()
                 .filter(|(name, _)| contains(name, "eyebrow") && contains(name, "upper"))
                 .map(|(_, vertex)| model.shape.mean_at(vertex as usize)[1])
                 .reduce(math::more)?;
-            let [left, right] = [place("left.eye.corner_outer")?, place("right.eye.corner_outer")?];
+            let [left, right] =
+                [place(model, "left.eye.corner_outer")?, place(model, "right.eye.corner_outer")?];
             Some([brows, 0.5 * (left[0] - right[0])])
         };
-        Self { face: face().filter(|[_, eyes]| *eyes > 0.0) }
+        let eyes = [
+            ["left.eye.corner_inner", "left.eye.corner_outer"],
+            ["right.eye.corner_inner", "right.eye.corner_outer"],
+        ];
+        Self {
+            face: face().filter(|[_, eyes]| *eyes > 0.0),
+            eyes: eyes.map(|corners| Eye::of(model, corners)),
+        }
+    }
+
+    /// Decides which eyes are seen: those around which most is, of points of the mean face and the
+    /// probabilities that these are seen.
+    pub(super) fn look_at_eyes(&mut self, points: impl Iterator<Item = (Vec3, f32)> + Clone) {
+        for eye in self.eyes.iter_mut().flatten() {
+            let around = points.clone().filter(|(point, _)| {
+                let distance = eye.distance(*point);
+                distance >= 1.0 && distance < AROUND * AROUND
+            });
+            eye.seen = around.map(|(_, seen)| seen - 0.5).sum::<f32>() > 0.0;
+        }
+    }
+
+    /// Whether a point belongs to an eye that is known to be seen.
+    pub(super) fn in_seen_eye(&self, point: Vec3) -> bool {
+        self.eyes.iter().flatten().any(|eye| eye.seen && eye.distance(point) < 1.0)
     }
 
     /// ε at a point of the mean face.
@@ -74,7 +138,7 @@ mod tests {
 
     #[test]
     fn hair_is_expected_above_the_brows_and_at_the_sides() {
-        let face = Hiding { face: Some([40.0, 44.0]) };
+        let face = Hiding { face: Some([40.0, 44.0]), eyes: [None; 2] };
         assert_eq!(face.at([0.0, 0.0, 80.0]), INSIDE);
         assert_eq!(face.at([10.0, 44.0, 60.0]), INSIDE);
         assert_eq!(face.at([0.0, 70.0, 50.0]), HAIR);
@@ -82,7 +146,8 @@ mod tests {
         assert_eq!(face.at([-75.0, 0.0, 0.0]), HAIR);
         let between = face.at([0.0, 52.5, 50.0]);
         assert!((between - 0.5 * (INSIDE + HAIR)).abs() < 1e-6, "{between}");
-        assert_eq!(Hiding { face: None }.at([0.0, 200.0, 0.0]), ANYWHERE);
+        let other = Hiding { face: None, eyes: [None; 2] };
+        assert_eq!(other.at([0.0, 200.0, 0.0]), ANYWHERE);
     }
 
     #[test]

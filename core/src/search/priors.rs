@@ -140,10 +140,10 @@ impl Priors<'_> {
         }
         pull(system, 0.0, 0.0);
         pull(system, precision(prior.distance_sd), self.ln_distance(scene));
-        for &c in &scene.shape {
+        for &c in scene.shape.iter().take(layout.shape_rank) {
             pull(system, 1.0, c);
         }
-        for (i, &c) in scene.albedo.iter().enumerate() {
+        for (i, &c) in scene.albedo.iter().enumerate().take(layout.albedo_rank) {
             pull(system, precision(self.albedo(i)), c);
         }
         for _ in 0..LIGHT {

@@ -12,7 +12,7 @@ use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::landmarks::{Landmarks, rows_words};
 use crate::memory::Carver;
 use crate::render::rasterize::{Frame, frame_words};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, MAX_RANK, Scene};
 
 /// One resolution of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,17 +23,19 @@ pub struct Level {
     pub error: f32,
     /// The most pixels whose rows make a step's metric.
     pub samples: usize,
+    /// The most components that are sought of shape and of albedo each, the leading ones.
+    pub components: usize,
     /// The most iterations.
     pub iterations: u32,
 }
 
 /// The levels of a search, coarse to fine.
 pub const LEVELS: [Level; 5] = [
-    Level { blur: 4.0, error: 2.8, samples: 500, iterations: 5 },
-    Level { blur: 2.0, error: 1.86, samples: 500, iterations: 5 },
-    Level { blur: 1.0, error: 1.4, samples: 500, iterations: 5 },
-    Level { blur: 0.0, error: 1.3, samples: 1500, iterations: 10 },
-    Level { blur: 0.0, error: 1.0, samples: 1500, iterations: 30 },
+    Level { blur: 4.0, error: 2.8, samples: 500, components: 20, iterations: 5 },
+    Level { blur: 2.0, error: 1.86, samples: 500, components: 50, iterations: 5 },
+    Level { blur: 1.0, error: 1.4, samples: 500, components: 100, iterations: 5 },
+    Level { blur: 0.0, error: 1.3, samples: 1500, components: MAX_RANK, iterations: 10 },
+    Level { blur: 0.0, error: 1.0, samples: 1500, components: MAX_RANK, iterations: 30 },
 ];
 
 /// What a search needs to know besides the problem.
@@ -167,6 +169,7 @@ pub struct ModeSearch<'a, 'w> {
     pub(super) problem: Problem<'a>,
     pub(super) options: Options<'a>,
     pub(super) hiding: Hiding,
+    /// Of the unknowns at this level.
     pub(super) layout: Layout,
     pub(super) scene: Scene,
     /// What the search for the pose by landmarks came to.
@@ -307,6 +310,14 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     /// The level the search is at.
     pub(super) fn level(&self) -> Level {
         LEVELS.get(self.level).copied().unwrap_or(LEVELS[LEVELS.len() - 1])
+    }
+
+    /// What is sought at a level.
+    pub(super) fn layout_of(&self, level: Level) -> Layout {
+        let Dimensions { shape_rank, albedo_rank, .. } = self.problem.dimensions();
+        let [shape_rank, albedo_rank] =
+            [shape_rank, albedo_rank].map(|rank| rank.min(level.components));
+        Layout { shape_rank, albedo_rank }
     }
 
     /// The priors at work.

@@ -38,6 +38,12 @@ pub(super) fn at<T: Copy + Default>(values: &[T], index: usize) -> T {
     values.get(index).copied().unwrap_or_default()
 }
 
+/// Coefficients without the zeros at the end, which a coarse level does not seek.
+fn sought(coefficients: &[f32]) -> &[f32] {
+    let count = coefficients.iter().rposition(|&c| c != 0.0).map_or(0, |last| last + 1);
+    coefficients.get(..count).unwrap_or_default()
+}
+
 /// Unit normal of a face and `1/‖N‖`: kept nowhere, since memory would be slower and is scarce.
 #[inline(always)]
 fn face_normal([a, b, c]: [Vec3; 3]) -> (Vec3, f32) {
@@ -78,8 +84,8 @@ impl<'w> Surface<'w> {
 
     /// Computes everything of a scene's coefficients, pose and camera.
     pub(super) fn update(&mut self, model: &Model<'_>, engine: &Engine, scene: &Scene) {
-        (engine.instance)(&model.shape, &scene.shape, self.positions);
-        (engine.instance)(&model.albedo, &scene.albedo, self.albedo);
+        (engine.instance)(&model.shape, sought(&scene.shape), self.positions);
+        (engine.instance)(&model.albedo, sought(&scene.albedo), self.albedo);
         (engine.project)(scene, self.positions, self.window);
         self.normals.fill([0.0; 4]);
         for t in 0..model.triangles.len() {
