@@ -151,6 +151,22 @@ mod tests {
     }
 
     #[test]
+    fn an_eye_is_seen_if_most_around_it_is() {
+        let eye = Eye { middle: [30.0, 30.0, 0.0], half: 10.0, seen: false };
+        let mut hiding = Hiding { face: None, eyes: [Some(eye), None] };
+        let (inside, around, far) = ([38.0, 31.0, 0.0], [44.0, 30.0, 0.0], [30.0, 50.0, 0.0]);
+        for (points, seen) in [
+            ([(inside, 0.0), (around, 0.9), (around, 0.3)], true),
+            ([(inside, 1.0), (around, 0.9), (around, 0.0)], false),
+            ([(inside, 1.0), (far, 1.0), (far, 1.0)], false),
+        ] {
+            hiding.look_at_eyes(points.into_iter());
+            assert_eq!(hiding.in_seen_eye(inside), seen, "{points:?}");
+            assert!(!hiding.in_seen_eye(around));
+        }
+    }
+
+    #[test]
     fn a_map_is_interpolated_and_never_quite_sure() {
         let map = [0, 255, 102];
         assert_eq!(mapped(&map, [0, 1, 2], [0.5, 0.25, 0.25]), 0.25 + 0.25 * 0.4);

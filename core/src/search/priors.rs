@@ -19,6 +19,8 @@ pub struct Widths {
     pub intensity: [f32; 3],
     /// Of a channel's light about that mean, by band.
     pub chroma: [f32; 3],
+    /// Standard deviation of a shape coefficient; the model's is 1.
+    pub shape: f32,
     /// Standard deviations of the albedo's leading coefficient, which is complexion all over, and of
     /// the others; the model's is 1. Gaussian processes allow for more spots than people have,
     /// and shadow and gloss would become skin.
@@ -36,7 +38,8 @@ impl Default for Widths {
             level: 0.1,
             intensity: [0.3, 0.25, 0.15],
             chroma: [0.04, 0.03, 0.02],
-            albedo: [1.0, 0.5],
+            shape: 0.9,
+            albedo: [1.0, 0.45],
             focal: 0.5,
             translation: 200.0,
         }
@@ -95,7 +98,8 @@ impl Priors<'_> {
         if !(scene.pose.translation[2] < 0.0) || !(scene.camera.focal_length > 0.0) {
             return f64::INFINITY;
         }
-        let mut sum = 0.5 * sum_of_squares(&scene.shape)
+        let squares = sum_of_squares(&scene.shape);
+        let mut sum = 0.5 * f64::from(precision(widths.shape)) * squares
             + energy(self.ln_distance(scene), prior.distance_sd)
             + energy(self.ln_focal(scene), widths.focal);
         for (i, &c) in scene.albedo.iter().enumerate() {
@@ -141,7 +145,7 @@ impl Priors<'_> {
         pull(system, 0.0, 0.0);
         pull(system, precision(prior.distance_sd), self.ln_distance(scene));
         for &c in scene.shape.iter().take(layout.shape_rank) {
-            pull(system, 1.0, c);
+            pull(system, precision(widths.shape), c);
         }
         for (i, &c) in scene.albedo.iter().enumerate().take(layout.albedo_rank) {
             pull(system, precision(self.albedo(i)), c);

@@ -341,6 +341,8 @@ fn another_start_changes_the_way_and_not_the_mode() {
     let modes: Vec<(Scene, f64)> = [0.0, -0.04, 0.04, 0.08]
         .map(|turn| {
             case.run(Options::default(), |search| {
+                // The pixels to be covered are counted once, by the landmarks' pose.
+                search.judge();
                 search.scene.pose.yaw += turn;
                 (search.rendered, search.judged) = (false, false);
                 while search.step().is_some() {}
@@ -366,6 +368,42 @@ fn a_face_is_found_whichever_way_up_it_is() {
     }
     let turned = case.run(Options::default(), |search| search.initial().pose);
     assert!((math::sin_cos(turned.roll - upright.roll).1 + 1.0).abs() < 1e-3, "{turned:?}");
+}
+
+/// Paints ellipses about the eyes of a picture, `size` times as wide as their corners are apart, and
+/// gives the mask in the middle of each.
+fn masks_of_painted_eyes(mut case: Case, size: f32) -> [f32; 2] {
+    case.config.pixel_patch = Config::default().pixel_patch;
+    let middles = ["left", "right"].map(|side| {
+        let corner = |which: &str| {
+            let name = std::format!("{side}.eye.corner_{which}");
+            case.landmarks.iter().find(|(n, _)| *n == name).unwrap().1
+        };
+        let [[a, b], [c, d]] = [corner("inner"), corner("outer")];
+        ([0.5 * (a + c), 0.5 * (b + d)], 0.5 * math::sqrt((a - c) * (a - c) + (b - d) * (b - d)))
+    });
+    for (i, pixel) in case.pixels.iter_mut().enumerate() {
+        let [x, y] = [i % SIDE as usize, i / SIDE as usize].map(|x| x as f32);
+        let painted = middles.iter().any(|([u, v], half)| {
+            let [x, y] = [(x - u) / (size * half), (y - v) / (0.6 * size * half)];
+            x * x + y * y < 1.0
+        });
+        if painted {
+            *pixel = [12, 10, 10];
+        }
+    }
+    case.run(Options::default(), |search| {
+        while search.step().is_some() {}
+        middles.map(|([u, v], _)| search.mask()[v as usize * SIDE as usize + u as usize])
+    })
+}
+
+#[test]
+fn eyes_may_have_any_colour_but_not_what_is_around_them() {
+    let dark = masks_of_painted_eyes(Case::new(5), 0.8);
+    assert!(dark.iter().all(|&mask| mask > 0.9), "{dark:?}");
+    let glasses = masks_of_painted_eyes(Case::new(5), 2.5);
+    assert!(glasses.iter().all(|&mask| mask < 0.1), "{glasses:?}");
 }
 
 #[test]
