@@ -238,6 +238,11 @@ impl<'s> System<'s> {
         }
     }
 
+    /// What a step `δ` that [`System::solve_damped`] found gains by these equations, at least: `½ bᵀδ`.
+    pub(crate) fn gain(&self, step: &[f32]) -> f64 {
+        0.5 * step.iter().zip(&*self.b).map(|(x, b)| f64::from(*x) * f64::from(*b)).sum::<f64>()
+    }
+
     /// Solves `(A + λ diag A + D) δ = b` into `step` and leaves the equations as they are; `matrix`
     /// is scratch of [`matrix_words`]. `None` if the matrix is not positive definite.
     pub(crate) fn solve_damped(

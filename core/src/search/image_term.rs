@@ -22,16 +22,15 @@
 //! A lone pixel may show anything, unless it is never hidden: `ℓ` is `ln(exp ℓ + exp −HOPELESS)`,
 //! and `w` times the first summand's share.
 
-use super::occlusion::mapped;
+use super::occlusion;
 use super::picture;
 use super::shading::Shading;
 use super::state::{ModeSearch, Planes};
 use super::surface::at;
-use super::vector::{Vec3, add, dot, scale, sub};
+use super::vector::{dot, sub};
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::pixels::ln_normaliser;
 use crate::math;
-use crate::model::Model;
 use crate::render::rasterize::Hit;
 use crate::scene::Scene;
 
@@ -40,6 +39,8 @@ use crate::scene::Scene;
 const COHERENCE: f32 = 3.0;
 /// Log of the odds against the face, at most, that one pixel's colour can be.
 const HOPELESS: f64 = 12.0;
+/// `ℓ` from which on that makes no difference.
+const CERTAIN: f64 = 6.0;
 /// Cosine of the angle to the line of sight from which on a surface has its full say.
 const FACING: f32 = 0.3;
 
@@ -70,14 +71,18 @@ impl ModeSearch<'_, '_> {
         let (near, spare) = rest.split_at_mut_checked(pixels)?;
         let width = self.problem.image.width as usize;
         let covered = self.compare_pixels(scene, ratios, near);
-        picture::blur(ratios, spare, width, COHERENCE);
-        picture::blur(near, spare, width, COHERENCE);
+        let face = [self.frame.columns(), self.frame.rows()];
+        picture::blur_box(ratios, spare, width, face.clone(), COHERENCE);
+        picture::blur_box(near, spare, width, face.clone(), COHERENCE);
         let (mut sum, mut says, mut visible) = (0.0, 0.0, 0.0);
         for y in self.frame.rows() {
             let (mut row, mut row_says, mut row_visible) = (0.0, 0.0, 0.0);
             for x in self.frame.columns() {
-                let Some(hit) = self.frame.hit(x, y) else { continue };
                 let index = y * width + x;
+                let Some(hit) = self.frame.hit(x, y) else {
+                    set(near, index, 0.0);
+                    continue;
+                };
                 let hidden = f64::from(self.hidden(&hit));
                 let say = at(self.planes.weights, index);
                 let around = at(near, index).max(1e-6);
@@ -104,7 +109,7 @@ impl ModeSearch<'_, '_> {
         }
         self.seen = (covered, visible);
         let share = self.expected / says;
-        picture::blur(near, spare, width, COHERENCE);
+        picture::blur_box(near, spare, width, face, COHERENCE);
         let Planes { mask, weights, .. } = &mut self.planes;
         for ((weight, mask), (near, visible)) in
             weights.iter_mut().zip(mask.iter_mut()).zip(near.iter().zip(&*ratios))
@@ -139,8 +144,8 @@ impl ModeSearch<'_, '_> {
                 let difference = sub(self.photo(index), point.color);
                 let face = normaliser - k * dot(difference, difference);
                 let ratio = f64::from(face - at(self.planes.ln_background, index));
-                let anything =
-                    if self.hidden(&hit) > 0.0 { math::exp(-HOPELESS - ratio) } else { 0.0 };
+                let doubtful = ratio < CERTAIN && self.hidden(&hit) > 0.0;
+                let anything = if doubtful { math::exp(-HOPELESS - ratio) } else { 0.0 };
                 let facing = shading.facing(&point) * (1.0 / FACING);
                 let say = self.options.open_at(index) * facing.clamp(0.0, 1.0);
                 let Planes { mask, weights, rendering, .. } = &mut self.planes;
@@ -159,44 +164,38 @@ impl ModeSearch<'_, '_> {
     }
 
     /// Prior probability that the surface is hidden at a pixel.
+    #[inline(always)]
     fn hidden(&self, hit: &Hit) -> f32 {
-        if !self.options.occlusion {
-            return 0.0;
-        }
-        let model = self.problem.model;
-        let Some((corners, weights)) = self.corners(hit) else { return 0.5 };
-        let place = mean_place(model, corners, weights);
-        if self.hiding.in_seen_eye(place) {
-            return 0.0;
-        }
-        model.occlusion().map_or_else(|| self.hiding.at(place), |map| mapped(map, corners, weights))
+        let Some(corners) = self.problem.model.triangles.get(hit.triangle) else { return 0.5 };
+        let [a, b, c] = corners.map(|v| at(self.hidden, v as usize));
+        let [second, third] = hit.weights;
+        (1.0 - second - third) * a + second * b + third * c
     }
 
-    /// Decides which eyes are seen, by the mask as it is.
+    /// What is around the eyes, by the mask as it is, decides which are seen.
     pub(super) fn look_at_eyes(&mut self) {
-        let mut hiding = self.hiding;
+        let model = self.problem.model;
         let width = self.problem.image.width as usize;
         let pixels = self.frame.rows().flat_map(|y| self.frame.columns().map(move |x| (x, y)));
-        hiding.look_at_eyes(pixels.filter_map(|(x, y)| {
-            let (corners, weights) = self.corners(&self.frame.hit(x, y)?)?;
-            let place = mean_place(self.problem.model, corners, weights);
-            Some((place, at(self.planes.mask, y * width + x)))
-        }));
-        self.hiding = hiding;
+        let points = pixels.filter_map(|(x, y)| {
+            // The nearest vertex will do.
+            let hit = self.frame.hit(x, y)?;
+            let [a, b, c] = model.triangles.get(hit.triangle)?;
+            let [second, third] = hit.weights;
+            let vertex = if second > 0.5 { b } else if third > 0.5 { c } else { a };
+            let seen = at(self.planes.mask, y * width + x);
+            Some((model.shape.mean_at(vertex as usize), seen))
+        });
+        for eye in occlusion::eyes(model).into_iter().flatten() {
+            if eye.is_seen(points.clone()) {
+                for (vertex, hidden) in self.hidden.iter_mut().enumerate() {
+                    if eye.holds(model.shape.mean_at(vertex)) {
+                        *hidden = 0.0;
+                    }
+                }
+            }
+        }
     }
-
-    /// Corners of a visible triangle and their weights.
-    fn corners(&self, hit: &Hit) -> Option<([usize; 3], Vec3)> {
-        let corners = self.problem.model.triangles.get(hit.triangle)?;
-        let [second, third] = hit.weights;
-        Some((corners.map(|v| v as usize), [1.0 - second - third, second, third]))
-    }
-}
-
-/// A point of a triangle on the mean surface.
-fn mean_place(model: &Model<'_>, corners: [usize; 3], [u, v, w]: Vec3) -> Vec3 {
-    let [a, b, c] = corners.map(|corner| model.shape.mean_at(corner));
-    add(add(scale(a, u), scale(b, v)), scale(c, w))
 }
 
 fn set(plane: &mut [f32], index: usize, value: f32) {

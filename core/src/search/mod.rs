@@ -46,6 +46,8 @@ const POSE_ITERATIONS: u32 = 40;
 const WAYS_UP: [f32; 4] = [0.0, FRAC_PI_2, PI, -FRAC_PI_2];
 /// Decrease of `E` below which a step counts as none.
 const STILL: f64 = 0.02;
+/// The same where a finer level follows, which will change far more.
+const STILL_COARSE: f64 = 0.5;
 /// Steps in a row that count as none before the search has converged.
 const PATIENCE: u32 = 2;
 /// Dampings tried for one step.
@@ -181,6 +183,11 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         }
     }
 
+    /// Decrease of `E` below which a step of this level counts as none.
+    fn calm(&self) -> f64 {
+        if self.finest() { STILL } else { STILL_COARSE }
+    }
+
     /// One iteration; `None` when the search is done.
     pub fn step(&mut self) -> Option<Iteration> {
         if self.done() {
@@ -206,7 +213,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             self.fingerprint.write_f32(&[parameter]);
         }
         let level = self.level;
-        let calm = before.total() - after.total() < STILL;
+        let calm = before.total() - after.total() < self.calm();
         self.still = if calm { self.still + 1 } else { 0 };
         self.iteration += 1;
         self.iterations += 1;
@@ -280,6 +287,10 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         };
         for _ in 0..TRIES {
             if system.solve_damped(self.damping, damping, matrix, self.step).is_some() {
+                // To damp more will gain less.
+                if system.gain(self.step) < 0.5 * self.calm() {
+                    return None;
+                }
                 let mut scene = self.scene.clone();
                 advance(&mut scene, &self.layout.split(self.step)?);
                 self.render_other(&scene);

@@ -27,39 +27,53 @@ const ANYWHERE: f32 = 0.1;
 /// The nearest to 0 and 1 that a map's ε comes: the photo may always say otherwise.
 const SURE: f32 = 0.002;
 
-/// Prior probability that a point is hidden, by its place on the mean face.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Hiding {
-    /// Height of the brows and half the distance of the eyes' outer corners; `None` of a model
-    /// that has not the landmarks of a face.
-    face: Option<[f32; 2]>,
-    /// `None` of a model that has not the corners.
-    eyes: [Option<Eye>; 2],
+/// Fills in ε of every vertex.
+pub(super) fn fill(model: &Model<'_>, hidden: &mut [f32]) {
+    let face = Face::of(model);
+    for (vertex, hidden) in hidden.iter_mut().enumerate() {
+        *hidden = match (model.occlusion(), face) {
+            (Some(map), _) => mapped(map.get(vertex).copied()),
+            (None, Some(face)) => face.hidden(model.shape.mean_at(vertex)),
+            (None, None) => ANYWHERE,
+        };
+    }
 }
 
-/// An eye of the mean face.
-#[derive(Clone, Copy, Debug)]
-struct Eye {
-    middle: Vec3,
-    /// Half the distance of its corners.
-    half: f32,
-    /// Whether it is known to be seen.
-    seen: bool,
+/// A model's ε.
+fn mapped(hidden: Option<u8>) -> f32 {
+    hidden.map_or(0.5, |hidden| f32::from(hidden) / 255.0).clamp(SURE, 1.0 - SURE)
 }
 
-impl Eye {
-    fn of(model: &Model<'_>, [inner, outer]: [&str; 2]) -> Option<Self> {
-        let [inner, outer] = [place(model, inner)?, place(model, outer)?];
-        let across = sub(outer, inner);
-        let half = 0.5 * math::sqrt(dot(across, across));
-        Some(Self { middle: scale(add(inner, outer), 0.5), half, seen: false })
+/// Where a face has its brows and eyes.
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    /// Height of the brows' upper edge.
+    brows: f32,
+    /// Half the distance of the eyes' outer corners.
+    eyes: f32,
+}
+
+impl Face {
+    /// `None` of a model that has not the landmarks of a face.
+    fn of(model: &Model<'_>) -> Option<Self> {
+        let brows = model
+            .landmarks()
+            .filter(|(name, _)| contains(name, "eyebrow") && contains(name, "upper"))
+            .map(|(_, vertex)| model.shape.mean_at(vertex as usize)[1])
+            .reduce(math::more)?;
+        let [left, _, _] = place(model, "left.eye.corner_outer")?;
+        let [right, _, _] = place(model, "right.eye.corner_outer")?;
+        let eyes = 0.5 * (left - right);
+        (eyes > 0.0).then_some(Self { brows, eyes })
     }
 
-    /// Square of a point's distance from the middle: 1 on the border.
-    fn distance(&self, [x, y, _]: Vec3) -> f32 {
-        let [dx, dy] = [x - self.middle[0], y - self.middle[1]];
-        let [x, y] = [dx / (EYE[0] * self.half), dy / (EYE[1] * self.half)];
-        x * x + y * y
+    /// ε at a point of the mean face.
+    fn hidden(&self, [x, y, _]: Vec3) -> f32 {
+        let ramp = |x: f32, [start, width]: [f32; 2]| ((x - start) / width).clamp(0.0, 1.0);
+        let above = ramp(y - self.brows, ABOVE_BROWS);
+        let side = if x < 0.0 { -x } else { x };
+        let beside = ramp(side / self.eyes, SIDEWAYS);
+        INSIDE + (HAIR - INSIDE) * math::more(above, beside)
     }
 }
 
@@ -68,60 +82,50 @@ fn place(model: &Model<'_>, name: &str) -> Option<Vec3> {
     Some(model.shape.mean_at(model.landmark(name)? as usize))
 }
 
-impl Hiding {
-    pub(super) fn of(model: &Model<'_>) -> Self {
-        let face = || {
-            let brows = model
-                .landmarks()
-                .filter(|(name, _)| contains(name, "eyebrow") && contains(name, "upper"))
-                .map(|(_, vertex)| model.shape.mean_at(vertex as usize)[1])
-                .reduce(math::more)?;
-            let [left, right] =
-                [place(model, "left.eye.corner_outer")?, place(model, "right.eye.corner_outer")?];
-            Some([brows, 0.5 * (left[0] - right[0])])
-        };
-        let eyes = [
-            ["left.eye.corner_inner", "left.eye.corner_outer"],
-            ["right.eye.corner_inner", "right.eye.corner_outer"],
-        ];
-        Self {
-            face: face().filter(|[_, eyes]| *eyes > 0.0),
-            eyes: eyes.map(|corners| Eye::of(model, corners)),
-        }
-    }
-
-    /// Decides which eyes are seen: those around which most is, of points of the mean face and the
-    /// probabilities that these are seen.
-    pub(super) fn look_at_eyes(&mut self, points: impl Iterator<Item = (Vec3, f32)> + Clone) {
-        for eye in self.eyes.iter_mut().flatten() {
-            let around = points.clone().filter(|(point, _)| {
-                let distance = eye.distance(*point);
-                distance >= 1.0 && distance < AROUND * AROUND
-            });
-            eye.seen = around.map(|(_, seen)| seen - 0.5).sum::<f32>() > 0.0;
-        }
-    }
-
-    /// Whether a point belongs to an eye that is known to be seen.
-    pub(super) fn in_seen_eye(&self, point: Vec3) -> bool {
-        self.eyes.iter().flatten().any(|eye| eye.seen && eye.distance(point) < 1.0)
-    }
-
-    /// ε at a point of the mean face.
-    pub(super) fn at(&self, [x, y, _]: Vec3) -> f32 {
-        let Some([brows, eyes]) = self.face else { return ANYWHERE };
-        let ramp = |x: f32, [start, width]: [f32; 2]| ((x - start) / width).clamp(0.0, 1.0);
-        let above = ramp(y - brows, ABOVE_BROWS);
-        let side = if x < 0.0 { -x } else { x };
-        let beside = ramp(side / eyes, SIDEWAYS);
-        INSIDE + (HAIR - INSIDE) * math::more(above, beside)
-    }
+/// An eye of the mean face.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Eye {
+    middle: Vec3,
+    /// Half the distance of its corners.
+    half: f32,
 }
 
-/// ε of a model's map at a point of a triangle; 0.5 of one it does not have.
-pub(super) fn mapped(map: &[u8], corners: [usize; 3], weights: Vec3) -> f32 {
-    let at = |v: usize| map.get(v).map_or(0.5, |&e| f32::from(e) / 255.0);
-    dot(corners.map(at), weights).clamp(SURE, 1.0 - SURE)
+/// The eyes of a model that has their corners.
+pub(super) fn eyes(model: &Model<'_>) -> [Option<Eye>; 2] {
+    let corners = [
+        ["left.eye.corner_inner", "left.eye.corner_outer"],
+        ["right.eye.corner_inner", "right.eye.corner_outer"],
+    ];
+    corners.map(|[inner, outer]| {
+        let [inner, outer] = [place(model, inner)?, place(model, outer)?];
+        let across = sub(outer, inner);
+        let half = 0.5 * math::sqrt(dot(across, across));
+        Some(Eye { middle: scale(add(inner, outer), 0.5), half })
+    })
+}
+
+impl Eye {
+    /// Square of a point's distance from the middle: 1 on the border.
+    fn distance(&self, [x, y, _]: Vec3) -> f32 {
+        let [dx, dy] = [x - self.middle[0], y - self.middle[1]];
+        let [x, y] = [dx / (EYE[0] * self.half), dy / (EYE[1] * self.half)];
+        x * x + y * y
+    }
+
+    /// Whether a point of the mean face belongs to it.
+    pub(super) fn holds(&self, point: Vec3) -> bool {
+        self.distance(point) < 1.0
+    }
+
+    /// Whether most around it is seen, of points of the mean face and the probabilities that these
+    /// are.
+    pub(super) fn is_seen(&self, points: impl Iterator<Item = (Vec3, f32)>) -> bool {
+        let around = points.filter(|(point, _)| {
+            let distance = self.distance(*point);
+            distance >= 1.0 && distance < AROUND * AROUND
+        });
+        around.map(|(_, seen)| seen - 0.5).sum::<f32>() > 0.0
+    }
 }
 
 /// Like `str`'s own, which is quicker, larger, and has paths to a panic.
@@ -138,39 +142,34 @@ mod tests {
 
     #[test]
     fn hair_is_expected_above_the_brows_and_at_the_sides() {
-        let face = Hiding { face: Some([40.0, 44.0]), eyes: [None; 2] };
-        assert_eq!(face.at([0.0, 0.0, 80.0]), INSIDE);
-        assert_eq!(face.at([10.0, 44.0, 60.0]), INSIDE);
-        assert_eq!(face.at([0.0, 70.0, 50.0]), HAIR);
-        assert_eq!(face.at([75.0, 0.0, 0.0]), HAIR);
-        assert_eq!(face.at([-75.0, 0.0, 0.0]), HAIR);
-        let between = face.at([0.0, 52.5, 50.0]);
+        let face = Face { brows: 40.0, eyes: 44.0 };
+        assert_eq!(face.hidden([0.0, 0.0, 80.0]), INSIDE);
+        assert_eq!(face.hidden([10.0, 44.0, 60.0]), INSIDE);
+        assert_eq!(face.hidden([0.0, 70.0, 50.0]), HAIR);
+        assert_eq!(face.hidden([75.0, 0.0, 0.0]), HAIR);
+        assert_eq!(face.hidden([-75.0, 0.0, 0.0]), HAIR);
+        let between = face.hidden([0.0, 52.5, 50.0]);
         assert!((between - 0.5 * (INSIDE + HAIR)).abs() < 1e-6, "{between}");
-        let other = Hiding { face: None, eyes: [None; 2] };
-        assert_eq!(other.at([0.0, 200.0, 0.0]), ANYWHERE);
     }
 
     #[test]
     fn an_eye_is_seen_if_most_around_it_is() {
-        let eye = Eye { middle: [30.0, 30.0, 0.0], half: 10.0, seen: false };
-        let mut hiding = Hiding { face: None, eyes: [Some(eye), None] };
+        let eye = Eye { middle: [30.0, 30.0, 0.0], half: 10.0 };
         let (inside, around, far) = ([38.0, 31.0, 0.0], [44.0, 30.0, 0.0], [30.0, 50.0, 0.0]);
+        assert!(eye.holds(inside) && !eye.holds(around) && !eye.holds(far));
         for (points, seen) in [
             ([(inside, 0.0), (around, 0.9), (around, 0.3)], true),
             ([(inside, 1.0), (around, 0.9), (around, 0.0)], false),
             ([(inside, 1.0), (far, 1.0), (far, 1.0)], false),
         ] {
-            hiding.look_at_eyes(points.into_iter());
-            assert_eq!(hiding.in_seen_eye(inside), seen, "{points:?}");
-            assert!(!hiding.in_seen_eye(around));
+            assert_eq!(eye.is_seen(points.into_iter()), seen, "{points:?}");
         }
     }
 
     #[test]
-    fn a_map_is_interpolated_and_never_quite_sure() {
-        let map = [0, 255, 102];
-        assert_eq!(mapped(&map, [0, 1, 2], [0.5, 0.25, 0.25]), 0.25 + 0.25 * 0.4);
-        assert_eq!(mapped(&map, [0, 0, 0], [1.0, 0.0, 0.0]), SURE);
-        assert_eq!(mapped(&map, [1, 1, 1], [1.0, 0.0, 0.0]), 1.0 - SURE);
+    fn a_map_is_never_quite_sure() {
+        assert_eq!(mapped(Some(0)), SURE);
+        assert_eq!(mapped(Some(102)), 0.4);
+        assert_eq!(mapped(Some(255)), 1.0 - SURE);
     }
 }

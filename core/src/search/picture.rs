@@ -2,6 +2,7 @@
 
 use crate::likelihood::background::{BINS, HISTOGRAM_LEN, bin};
 use crate::math;
+use core::ops::Range;
 
 /// The widest blur, pixels.
 pub(super) const MAX_BLUR: f32 = 4.0;
@@ -82,6 +83,52 @@ pub(super) fn blur(plane: &mut [f32], scratch: &mut [f32], width: usize, sd: f32
     kernel.along(scratch, plane, 1, width);
 }
 
+/// `out = Σ tap · values` within a box of a plane, beyond which all is zero; the largest tap is 1. Only
+/// the box is written. `scratch` is as long as the box has pixels, or longer.
+pub(super) fn blur_box(
+    plane: &mut [f32],
+    scratch: &mut [f32],
+    width: usize,
+    [columns, rows]: [Range<usize>; 2],
+    sd: f32,
+) {
+    let Kernel { taps, reach } = Kernel::new(sd);
+    let taps = taps.get(..=reach).unwrap_or_default();
+    let count = columns.len();
+    if count == 0 {
+        return;
+    }
+    let line = |y: usize| y * width + columns.start..y * width + columns.end;
+    let add = |to: &mut [f32], from: &[f32], tap: f32| {
+        for (to, from) in to.iter_mut().zip(from) {
+            *to += tap * from;
+        }
+    };
+    for (y, out) in rows.clone().zip(scratch.chunks_exact_mut(count)) {
+        let values = plane.get(line(y)).unwrap_or_default();
+        out.fill(0.0);
+        for (i, &tap) in taps.iter().enumerate() {
+            add(out, values.get(i..).unwrap_or_default(), tap);
+            if i > 0 {
+                add(out.get_mut(i..).unwrap_or_default(), values, tap);
+            }
+        }
+    }
+    let blurred = |row: usize| scratch.get(row * count..(row + 1) * count).unwrap_or_default();
+    for (row, y) in rows.clone().enumerate() {
+        let Some(out) = plane.get_mut(line(y)) else { return };
+        out.fill(0.0);
+        for (i, &tap) in taps.iter().enumerate() {
+            if row + i < rows.len() {
+                add(out, blurred(row + i), tap);
+            }
+            if i > 0 && row >= i {
+                add(out, blurred(row - i), tap);
+            }
+        }
+    }
+}
+
 /// Share of a colour nobody has seen that the background may yet have.
 const UNSEEN: f32 = 0.2;
 
@@ -157,6 +204,28 @@ mod tests {
         assert!((sum - 1.0).abs() < 1e-5, "{sum}");
         // Three standard deviations of a Gaussian of variance 4: 3.95 or so.
         assert!(spread.iter().all(|v| (v - 3.95).abs() < 0.1), "{spread:?}");
+    }
+
+    #[test]
+    fn a_box_is_blurred_like_the_picture_but_for_scale() {
+        let mut scratch = vec![0.0; WIDTH * HEIGHT];
+        let (columns, rows) = (12..29, 9..21);
+        let mut whole = vec![0.0; WIDTH * HEIGHT];
+        for (i, value) in whole.iter_mut().enumerate() {
+            if columns.contains(&(i % WIDTH)) && rows.contains(&(i / WIDTH)) {
+                *value = (i * 37 % 101) as f32;
+            }
+        }
+        let mut part = whole.clone();
+        blur(&mut whole, &mut scratch, WIDTH, 2.0);
+        blur_box(&mut part, &mut scratch, WIDTH, [columns.clone(), rows.clone()], 2.0);
+        let kernel = Kernel::new(2.0);
+        let scale = kernel.scale(kernel.reach, 2 * kernel.reach + 1);
+        for (i, (part, whole)) in part.iter().zip(&whole).enumerate() {
+            let inside = columns.contains(&(i % WIDTH)) && rows.contains(&(i / WIDTH));
+            let expected = if inside { *whole } else { 0.0 };
+            assert!((part * scale * scale - expected).abs() < 1e-4, "{i}: {part} {whole}");
+        }
     }
 
     #[test]

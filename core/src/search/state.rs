@@ -1,6 +1,6 @@
 //! The state of a search, in the caller's memory.
 
-use super::occlusion::Hiding;
+use super::occlusion;
 use super::priors::{Priors, Widths};
 use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
@@ -72,8 +72,8 @@ pub fn words(problem: &Problem<'_>) -> usize {
 /// The same of sizes that are known before there is a problem.
 ///
 /// Per pixel what is visible (4), photo and rendering (3 each), the background's density, mask and
-/// weight; per vertex its position, normal, albedo and window coordinates (4 each) and where its
-/// faces are listed, 3 per triangle; the landmarks' rows of the basis; what is needed in passing;
+/// weight; per vertex its position, normal, albedo and window coordinates (4 each), whether it is
+/// likely to be hidden, and where its faces are listed, 3 per triangle; the landmarks' rows of the basis; what is needed in passing;
 /// and, unless it is to be lean, copies of the bases.
 pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
@@ -81,6 +81,7 @@ pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
     let pixels = d.width * d.height;
     let rest = frame_words(d.width, d.height)
         + surface_words(d.vertices, triangles)
+        + d.vertices
         + 3 * d.shape_rank
         + copies_words(d)
         + rows_words(d.landmarks, d.shape_rank)
@@ -168,7 +169,8 @@ impl<'p> Costs<'p> {
 pub struct ModeSearch<'a, 'w> {
     pub(super) problem: Problem<'a>,
     pub(super) options: Options<'a>,
-    pub(super) hiding: Hiding,
+    /// By vertex, the prior probability that it is hidden.
+    pub(super) hidden: &'w mut [f32],
     /// Of the unknowns at this level.
     pub(super) layout: Layout,
     pub(super) scene: Scene,
@@ -240,11 +242,16 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         }
         let sd = config.landmark_sd;
         let landmarks = Landmarks::gather(&mut carver, model, observed, d.shape_rank, sd)?;
+        let hidden = carver.floats(d.vertices)?;
+        hidden.fill(0.0);
+        if options.occlusion {
+            occlusion::fill(model, hidden);
+        }
         let scene = Scene::initial(image.width, image.height, d.shape_rank, d.albedo_rank);
         Some(Self {
             problem,
             options,
-            hiding: Hiding::of(model),
+            hidden,
             layout,
             initial: scene.clone(),
             scene,

@@ -311,6 +311,38 @@ fn the_rows_of_the_matrix_are_the_gradients() {
 }
 
 #[test]
+fn a_pixels_weight_is_what_its_difference_costs() {
+    let case = Case::new(3);
+    case.run(Options::default(), |search| {
+        search.step();
+        search.judge();
+        let width = SIDE as usize;
+        let covered = |search: &ModeSearch<'_, '_>, i: usize| search.mask()[i] > 0.0;
+        let pixels: Vec<usize> = (0..width * width).filter(|&i| covered(search, i)).collect();
+        // At the outline, where neighbours are missing, and elsewhere.
+        let edge = pixels.iter().filter(|&&i| !covered(search, i + 2) || !covered(search, i - 2));
+        let probed: Vec<usize> = edge.step_by(7).chain(pixels.iter().step_by(97)).copied().collect();
+        let (mut error, mut size) = (0.0, 0.0);
+        for i in probed {
+            let difference = search.planes.photo[1][i] - search.planes.rendering[1][i];
+            let expected = search.planes.weights[i] * search.pixel_weight() * difference;
+            let step = 0.01;
+            let image = [step, -step].map(|by| {
+                search.planes.photo[1][i] += by;
+                search.judge();
+                search.planes.photo[1][i] -= by;
+                search.energy().image
+            });
+            search.judge();
+            let found = (image[0] - image[1]) / f64::from(2.0 * step);
+            error += (found - f64::from(expected)).powi(2);
+            size += f64::from(expected).powi(2);
+        }
+        assert!(error < 1e-4 * size, "{error} {size}");
+    });
+}
+
+#[test]
 fn a_face_of_the_model_is_found_again() {
     let case = Case::new(5);
     let (scene, converged) = case.run(Options::default(), |search| {
