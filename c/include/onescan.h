@@ -501,7 +501,7 @@ OnescanStatus onescan_search_draw(OnescanSearch *search,
  * `lean` is 0 or 1. */
 #define ONESCAN_SEARCH_WORDS(vertices, triangles, shape_rank, albedo_rank, landmarks, width, height, lean) \
   (9 * ONESCAN_PIXELS(width, height) + 65 * ONESCAN_CHUNKS(width, height) +                         \
-   17 * ONESCAN_PADDED(vertices) + 1 + 3 * (size_t)(triangles) +                                    \
+   17 * ONESCAN_PADDED(vertices) + 1 + ((size_t)(vertices) + 3) / 4 + 3 * (size_t)(triangles) +     \
    ((lean) ? 0 : 24 * (size_t)(vertices) * (ONESCAN_GROUPS(shape_rank) + ONESCAN_GROUPS(albedo_rank))) + \
    3 * (shape_rank) + 3 * (landmarks) * (1 + (shape_rank)) +                                        \
    5 * ONESCAN_UNKNOWNS(shape_rank, albedo_rank) +                                                  \

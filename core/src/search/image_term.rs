@@ -167,9 +167,9 @@ impl ModeSearch<'_, '_> {
     #[inline(always)]
     fn hidden(&self, hit: &Hit) -> f32 {
         let Some(corners) = self.problem.model.triangles.get(hit.triangle) else { return 0.5 };
-        let [a, b, c] = corners.map(|v| at(self.hidden, v as usize));
+        let [a, b, c] = corners.map(|v| f32::from(at(self.hidden, v as usize)));
         let [second, third] = hit.weights;
-        (1.0 - second - third) * a + second * b + third * c
+        ((1.0 - second - third) * a + second * b + third * c) * (1.0 / occlusion::WHOLE)
     }
 
     /// What is around the eyes, by the mask as it is, decides which are seen.
@@ -182,7 +182,13 @@ impl ModeSearch<'_, '_> {
             let hit = self.frame.hit(x, y)?;
             let [a, b, c] = model.triangles.get(hit.triangle)?;
             let [second, third] = hit.weights;
-            let vertex = if second > 0.5 { b } else if third > 0.5 { c } else { a };
+            let vertex = if second > 0.5 {
+                b
+            } else if third > 0.5 {
+                c
+            } else {
+                a
+            };
             let seen = at(self.planes.mask, y * width + x);
             Some((model.shape.mean_at(vertex as usize), seen))
         });
@@ -190,7 +196,7 @@ impl ModeSearch<'_, '_> {
             if eye.is_seen(points.clone()) {
                 for (vertex, hidden) in self.hidden.iter_mut().enumerate() {
                     if eye.holds(model.shape.mean_at(vertex)) {
-                        *hidden = 0.0;
+                        *hidden = occlusion::NEVER;
                     }
                 }
             }

@@ -24,24 +24,25 @@ const EYE: [f32; 2] = [1.1, 0.55];
 const AROUND: f32 = 1.8;
 /// ε of a model without these landmarks.
 const ANYWHERE: f32 = 0.1;
-/// The nearest to 0 and 1 that a map's ε comes: the photo may always say otherwise.
-const SURE: f32 = 0.002;
+/// A certain ε, see [`fill`].
+pub(super) const WHOLE: f32 = 255.0;
+/// That of a vertex that is never hidden. No map's is: the photo may always say otherwise.
+pub(super) const NEVER: u8 = 0;
 
-/// Fills in ε of every vertex.
-pub(super) fn fill(model: &Model<'_>, hidden: &mut [f32]) {
+/// Fills in ε of every vertex, in units of 1 / [`WHOLE`].
+pub(super) fn fill(model: &Model<'_>, hidden: &mut [u8]) {
     let face = Face::of(model);
     for (vertex, hidden) in hidden.iter_mut().enumerate() {
         *hidden = match (model.occlusion(), face) {
-            (Some(map), _) => mapped(map.get(vertex).copied()),
-            (None, Some(face)) => face.hidden(model.shape.mean_at(vertex)),
-            (None, None) => ANYWHERE,
+            (Some(map), _) => map.get(vertex).map_or(128, |&hidden| hidden.clamp(1, 254)),
+            (None, Some(face)) => quantised(face.hidden(model.shape.mean_at(vertex))),
+            (None, None) => quantised(ANYWHERE),
         };
     }
 }
 
-/// A model's ε.
-fn mapped(hidden: Option<u8>) -> f32 {
-    hidden.map_or(0.5, |hidden| f32::from(hidden) / 255.0).clamp(SURE, 1.0 - SURE)
+fn quantised(hidden: f32) -> u8 {
+    (WHOLE * hidden + 0.5) as u8
 }
 
 /// Where a face has its brows and eyes.
@@ -164,12 +165,5 @@ mod tests {
         ] {
             assert_eq!(eye.is_seen(points.into_iter()), seen, "{points:?}");
         }
-    }
-
-    #[test]
-    fn a_map_is_never_quite_sure() {
-        assert_eq!(mapped(Some(0)), SURE);
-        assert_eq!(mapped(Some(102)), 0.4);
-        assert_eq!(mapped(Some(255)), 1.0 - SURE);
     }
 }

@@ -81,7 +81,7 @@ pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
     let pixels = d.width * d.height;
     let rest = frame_words(d.width, d.height)
         + surface_words(d.vertices, triangles)
-        + d.vertices
+        + d.vertices.div_ceil(4)
         + 3 * d.shape_rank
         + copies_words(d)
         + rows_words(d.landmarks, d.shape_rank)
@@ -169,8 +169,8 @@ impl<'p> Costs<'p> {
 pub struct ModeSearch<'a, 'w> {
     pub(super) problem: Problem<'a>,
     pub(super) options: Options<'a>,
-    /// By vertex, the prior probability that it is hidden.
-    pub(super) hidden: &'w mut [f32],
+    /// By vertex, how likely it is to be hidden before the photo is seen, see [`occlusion::fill`].
+    pub(super) hidden: &'w mut [u8],
     /// Of the unknowns at this level.
     pub(super) layout: Layout,
     pub(super) scene: Scene,
@@ -242,8 +242,8 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         }
         let sd = config.landmark_sd;
         let landmarks = Landmarks::gather(&mut carver, model, observed, d.shape_rank, sd)?;
-        let hidden = carver.floats(d.vertices)?;
-        hidden.fill(0.0);
+        let hidden = carver.bytes(d.vertices.div_ceil(4))?;
+        hidden.fill(occlusion::NEVER);
         if options.occlusion {
             occlusion::fill(model, hidden);
         }

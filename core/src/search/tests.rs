@@ -321,7 +321,8 @@ fn a_pixels_weight_is_what_its_difference_costs() {
         let pixels: Vec<usize> = (0..width * width).filter(|&i| covered(search, i)).collect();
         // At the outline, where neighbours are missing, and elsewhere.
         let edge = pixels.iter().filter(|&&i| !covered(search, i + 2) || !covered(search, i - 2));
-        let probed: Vec<usize> = edge.step_by(7).chain(pixels.iter().step_by(97)).copied().collect();
+        let probed: Vec<usize> =
+            edge.step_by(7).chain(pixels.iter().step_by(97)).copied().collect();
         let (mut error, mut size) = (0.0, 0.0);
         for i in probed {
             let difference = search.planes.photo[1][i] - search.planes.rendering[1][i];
@@ -476,7 +477,8 @@ fn what_hides_the_face_does_not_bend_it() {
         search.scene().clone()
     });
     // A dark bar over the forehead, as hair.
-    let brow = case.landmarks.iter().map(|(_, [_, v])| *v).fold(f32::INFINITY, f32::min);
+    let brows = case.landmarks.iter().filter(|(name, _)| name.contains("eyebrow"));
+    let brow = brows.map(|(_, [_, v])| *v).fold(f32::INFINITY, f32::min);
     let bar = (brow as usize).saturating_sub(14)..(brow as usize).saturating_sub(5);
     for y in bar.clone() {
         for x in 0..SIDE as usize {
@@ -496,7 +498,7 @@ fn what_hides_the_face_does_not_bend_it() {
             (distance(search.scene()), hidden)
         })
     });
-    assert!(robust.0 < 0.7 * plain.0, "{} {}", robust.0, plain.0);
+    assert!(robust.0 < 0.2 * plain.0 && robust.1 < 0.1, "{robust:?} {plain:?}");
 }
 
 #[test]
