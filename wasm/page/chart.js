@@ -26,7 +26,8 @@ export function drawTrace(canvas, trace, levels) {
     const [from, to] = [steps, steps + own].map((step) => (step / total) * width);
     steps += own;
     if (level > 0) draw.fillRect(from, 0, 1, height);
-    draw.fillText(blur > 0 ? `${blur} px` : 'the photo itself', from + 4, height - 4, to - from - 8);
+    const photo = level + 1 < levels.length ? 'sharp' : 'the photo itself';
+    draw.fillText(blur > 0 ? `${blur} px` : photo, from + 4, height - 4, to - from - 8);
     const energies = trace.filter((point) => point.level === level).map(({ energy }) => energy);
     const [low, high] = [Math.min(...energies), Math.max(...energies)];
     draw.beginPath();

@@ -38,7 +38,7 @@ impl Default for Widths {
             level: 0.1,
             intensity: [0.3, 0.25, 0.15],
             chroma: [0.04, 0.03, 0.02],
-            shape: 0.9,
+            shape: 0.95,
             albedo: [1.0, 0.45],
             focal: 0.5,
             translation: 200.0,
