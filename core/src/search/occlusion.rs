@@ -69,7 +69,7 @@ impl Face {
     }
 
     /// ε at a point of the mean face.
-    fn hidden(&self, [x, y, _]: Vec3) -> f32 {
+    fn hidden(self, [x, y, _]: Vec3) -> f32 {
         let ramp = |x: f32, [start, width]: [f32; 2]| ((x - start) / width).clamp(0.0, 1.0);
         let above = ramp(y - self.brows, ABOVE_BROWS);
         let side = if x < 0.0 { -x } else { x };
@@ -123,7 +123,7 @@ impl Eye {
     pub(super) fn is_seen(&self, points: impl Iterator<Item = (Vec3, f32)>) -> bool {
         let around = points.filter(|(point, _)| {
             let distance = self.distance(*point);
-            distance >= 1.0 && distance < AROUND * AROUND
+            (1.0..AROUND * AROUND).contains(&distance)
         });
         around.map(|(_, seen)| seen - 0.5).sum::<f32>() > 0.0
     }
