@@ -10,7 +10,7 @@ use crate::render::rasterize::Hit;
 
 impl ModeSearch<'_, '_> {
     /// What a visible pixel of the current scene shows.
-    #[inline(always)]
+    #[inline(never)]
     pub(super) fn point(&self, shading: &Shading, hit: &Hit) -> Option<([usize; 3], Point)> {
         let corners = self.problem.model.triangles.get(hit.triangle)?.map(|v| v as usize);
         let [second, third] = hit.weights;
@@ -41,7 +41,7 @@ impl ModeSearch<'_, '_> {
     /// whatever edge is near, such as the hair's.) Differences over two pixels see lips, lids and
     /// nostrils as large as the picture does; slopes within a triangle that is smaller than a
     /// pixel are those of a spike.
-    #[inline(always)]
+    #[inline(never)]
     pub(super) fn differences(&self, x: usize, y: usize) -> [Vec3; 2] {
         let width = self.problem.image.width as usize;
         let index = y * width + x;

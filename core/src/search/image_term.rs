@@ -164,7 +164,6 @@ impl ModeSearch<'_, '_> {
     }
 
     /// Prior probability that the surface is hidden at a pixel.
-    #[inline(always)]
     fn hidden(&self, hit: &Hit) -> f32 {
         let Some(corners) = self.problem.model.triangles.get(hit.triangle) else { return 0.5 };
         let [a, b, c] = corners.map(|v| f32::from(at(self.hidden, v as usize)));
@@ -172,32 +171,40 @@ impl ModeSearch<'_, '_> {
         ((1.0 - second - third) * a + second * b + third * c) * (1.0 / occlusion::WHOLE)
     }
 
-    /// What is around the eyes, by the mask as it is, decides which are seen.
+    /// Eyes around which most is seen, by the mask as it is, are never hidden.
+    #[inline(never)]
     pub(super) fn look_at_eyes(&mut self) {
         let model = self.problem.model;
         let width = self.problem.image.width as usize;
-        let pixels = self.frame.rows().flat_map(|y| self.frame.columns().map(move |x| (x, y)));
-        let points = pixels.filter_map(|(x, y)| {
-            // The nearest vertex will do.
-            let hit = self.frame.hit(x, y)?;
-            let [a, b, c] = model.triangles.get(hit.triangle)?;
-            let [second, third] = hit.weights;
-            let vertex = if second > 0.5 {
-                b
-            } else if third > 0.5 {
-                c
-            } else {
-                a
-            };
-            let seen = at(self.planes.mask, y * width + x);
-            Some((model.shape.mean_at(vertex as usize), seen))
-        });
-        for eye in occlusion::eyes(model).into_iter().flatten() {
-            if eye.is_seen(points.clone()) {
-                for (vertex, hidden) in self.hidden.iter_mut().enumerate() {
-                    if eye.holds(model.shape.mean_at(vertex)) {
-                        *hidden = occlusion::NEVER;
+        let eyes = occlusion::eyes(model);
+        let mut balance = [0.0_f32; 2];
+        for y in self.frame.rows() {
+            for x in self.frame.columns() {
+                let Some(hit) = self.frame.hit(x, y) else { continue };
+                let Some([a, b, c]) = model.triangles.get(hit.triangle) else { continue };
+                // The nearest vertex will do.
+                let [second, third] = hit.weights;
+                let nearest = if second > 0.5 {
+                    b
+                } else if third > 0.5 {
+                    c
+                } else {
+                    a
+                };
+                let point = model.shape.mean_at(nearest as usize);
+                let seen = at(self.planes.mask, y * width + x);
+                for (balance, eye) in balance.iter_mut().zip(eyes) {
+                    if eye.is_some_and(|eye| eye.is_near(point)) {
+                        *balance += seen - 0.5;
                     }
+                }
+            }
+        }
+        for (eye, balance) in eyes.into_iter().zip(balance) {
+            let Some(eye) = eye.filter(|_| balance > 0.0) else { continue };
+            for (vertex, hidden) in self.hidden.iter_mut().enumerate() {
+                if eye.holds(model.shape.mean_at(vertex)) {
+                    *hidden = occlusion::NEVER;
                 }
             }
         }

@@ -26,39 +26,6 @@ impl Kernel {
         Self { taps, reach }
     }
 
-    /// `out = Σ tap · values / Σ tap`, along lines of `count` numbers that lie `step` apart; both
-    /// sums leave out what lies beyond a line's ends.
-    fn along(&self, values: &[f32], out: &mut [f32], step: usize, count: usize) {
-        let Some(lines) = values.len().checked_div(step * count) else { return };
-        let inside_scale = self.scale(self.reach, 2 * self.reach + 1);
-        for line in 0..lines {
-            let range = line * step * count..(line + 1) * step * count;
-            let (Some(values), Some(out)) = (values.get(range.clone()), out.get_mut(range)) else {
-                return;
-            };
-            out.fill(0.0);
-            for (i, &tap) in self.taps.iter().enumerate().take(self.reach + 1) {
-                let shift = (i * step).min(values.len());
-                let ahead = values.get(shift..).unwrap_or_default();
-                for (o, v) in out.iter_mut().zip(ahead) {
-                    *o += tap * v;
-                }
-                if i > 0 {
-                    for (o, v) in out.get_mut(shift..).unwrap_or_default().iter_mut().zip(values) {
-                        *o += tap * v;
-                    }
-                }
-            }
-            for (place, out) in out.chunks_exact_mut(step).enumerate() {
-                let inside = place >= self.reach && place + self.reach < count;
-                let k = if inside { inside_scale } else { self.scale(place, count) };
-                for o in out {
-                    *o *= k;
-                }
-            }
-        }
-    }
-
     /// `1 / Σ tap` of the taps that are on a line.
     fn scale(&self, place: usize, count: usize) -> f32 {
         let mut sum = self.taps[0];
@@ -77,10 +44,19 @@ pub(super) fn blur(plane: &mut [f32], scratch: &mut [f32], width: usize, sd: f32
     if !(sd > 0.0) || height == 0 {
         return;
     }
-    let Some(scratch) = scratch.get_mut(..plane.len()) else { return };
+    blur_box(plane, scratch, width, [0..width, 0..height], sd);
     let kernel = Kernel::new(sd);
-    kernel.along(plane, scratch, width, height);
-    kernel.along(scratch, plane, 1, width);
+    let inside = kernel.scale(kernel.reach, 2 * kernel.reach + 1);
+    let scale = |place: usize, count: usize| {
+        let all = place >= kernel.reach && place + kernel.reach < count;
+        if all { inside } else { kernel.scale(place, count) }
+    };
+    for (y, row) in plane.chunks_exact_mut(width).enumerate() {
+        let k = scale(y, height);
+        for (x, value) in row.iter_mut().enumerate() {
+            *value *= k * scale(x, width);
+        }
+    }
 }
 
 /// `out = Σ tap · values` within a box of a plane, beyond which all is zero; the largest tap is 1. Only
@@ -99,11 +75,6 @@ pub(super) fn blur_box(
         return;
     }
     let line = |y: usize| y * width + columns.start..y * width + columns.end;
-    let add = |to: &mut [f32], from: &[f32], tap: f32| {
-        for (to, from) in to.iter_mut().zip(from) {
-            *to += tap * from;
-        }
-    };
     for (y, out) in rows.clone().zip(scratch.chunks_exact_mut(count)) {
         let values = plane.get(line(y)).unwrap_or_default();
         out.fill(0.0);
@@ -126,6 +97,14 @@ pub(super) fn blur_box(
                 add(out, blurred(row - i), tap);
             }
         }
+    }
+}
+
+/// Adds `tap` times a line.
+#[inline(never)]
+fn add(to: &mut [f32], from: &[f32], tap: f32) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += tap * from;
     }
 }
 
