@@ -182,16 +182,16 @@ impl ModeSearch<'_, '_> {
             for x in self.frame.columns() {
                 let Some(hit) = self.frame.hit(x, y) else { continue };
                 let Some([a, b, c]) = model.triangles.get(hit.triangle) else { continue };
-                // The nearest vertex will do.
+                // A corner nearby will do.
                 let [second, third] = hit.weights;
-                let nearest = if second > 0.5 {
+                let corner = if second > 0.5 {
                     b
                 } else if third > 0.5 {
                     c
                 } else {
                     a
                 };
-                let point = model.shape.mean_at(nearest as usize);
+                let point = model.shape.mean_at(corner as usize);
                 let seen = at(self.planes.mask, y * width + x);
                 for (balance, eye) in balance.iter_mut().zip(eyes) {
                     if eye.is_some_and(|eye| eye.is_near(point)) {

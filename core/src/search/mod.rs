@@ -3,9 +3,9 @@
 //! The unknowns are pose, camera, shape, albedo, light and colour transform ([`unknowns`]); what is
 //! minimised is
 //!
-//! `E = ½‖a‖² + ½Σ bᵢ²/sᵢ² + priors + Σ landmarks + image term`
+//! `E = ½Σ aᵢ²/t² + ½Σ bᵢ²/sᵢ² + priors + Σ landmarks + image term`
 //!
-//! of shape coefficients `a` and albedo coefficients `b` (`priors.rs`, with `s`). A pixel may also
+//! of shape coefficients `a` and albedo coefficients `b` (`priors.rs`, with `t` and `s`). A pixel may also
 //! show something before the face (`image_term.rs`, `occlusion.rs`).
 //!
 //! A step's direction is the derivative of every covered pixel's colour, passed back by reverse

@@ -24,9 +24,9 @@ const EYE: [f32; 2] = [1.1, 0.55];
 const AROUND: f32 = 1.8;
 /// ε of a model without these landmarks.
 const ANYWHERE: f32 = 0.1;
-/// A certain ε, see [`fill`].
+/// ε of what is certainly hidden, see [`fill`].
 pub(super) const WHOLE: f32 = 255.0;
-/// That of a vertex that is never hidden. No map's is: the photo may always say otherwise.
+/// That of a vertex that is never hidden.
 pub(super) const NEVER: u8 = 0;
 
 /// Fills in ε of every vertex, in units of 1 / [`WHOLE`].
@@ -34,11 +34,16 @@ pub(super) fn fill(model: &Model<'_>, hidden: &mut [u8]) {
     let face = Face::of(model);
     for (vertex, hidden) in hidden.iter_mut().enumerate() {
         *hidden = match (model.occlusion(), face) {
-            (Some(map), _) => map.get(vertex).map_or(128, |&hidden| hidden.clamp(1, 254)),
+            (Some(map), _) => mapped(map.get(vertex).copied()),
             (None, Some(face)) => quantised(face.hidden(model.shape.mean_at(vertex))),
             (None, None) => quantised(ANYWHERE),
         };
     }
+}
+
+/// That of a map, which may always be wrong.
+fn mapped(hidden: Option<u8>) -> u8 {
+    hidden.map_or(128, |hidden| hidden.clamp(1, 254))
 }
 
 fn quantised(hidden: f32) -> u8 {
@@ -146,6 +151,11 @@ mod tests {
         assert_eq!(face.hidden([-75.0, 0.0, 0.0]), HAIR);
         let between = face.hidden([0.0, 52.5, 50.0]);
         assert!((between - 0.5 * (INSIDE + HAIR)).abs() < 1e-6, "{between}");
+    }
+
+    #[test]
+    fn a_map_is_never_quite_sure() {
+        assert_eq!([Some(0), Some(102), Some(255), None].map(mapped), [1, 102, 254, 128]);
     }
 
     #[test]
