@@ -522,8 +522,7 @@ OnescanStatus onescan_search_draw(OnescanSearch *search,
                ((lean) ? 1 : 2) * (12 * ONESCAN_PADDED(vertices) + 65 * ONESCAN_CHUNKS(width, height)) + \
                    4 * ONESCAN_PADDED(vertices) +                                                  \
                    ((lean) ? 0 : 96) * ONESCAN_CHUNKS(width, height) +                             \
-                   3 * (landmarks) * (1 + (shape_rank)) +                                          \
-                   ONESCAN_SYSTEM(ONESCAN_MAX((shape_rank) + 7, (albedo_rank) + 27))))
+                   3 * (landmarks) * (1 + (shape_rank))))
 #define ONESCAN_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define ONESCAN_CHUNKS(width, height) (((size_t)(width) + 15) / 16 * (height))
 #define ONESCAN_PADDED(vertices) (((size_t)(vertices) + 31) / 32 * 32)

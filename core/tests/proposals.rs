@@ -20,10 +20,6 @@ impl Surroundings for Nothing {
     fn solve_light(&mut self, _: &mut Scene, _: u32, _: &mut Rng) -> Option<()> {
         None
     }
-
-    fn refine(&mut self, _: &mut Scene, _: Part, _: u32, _: &mut Rng) -> Option<()> {
-        None
-    }
 }
 
 const LN_DISTANCE: (f64, f64) = (6.9, 0.4);

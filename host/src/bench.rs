@@ -508,10 +508,10 @@ pub fn mode_config(rank: usize) -> Config {
 /// What was measured; displays as a table for a person, serializes as `onescan bench --json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// The chain of a default fit, with search moves.
+    /// The paper's chain, with closed-form light.
     #[serde(flatten)]
     pub fit: Speed,
-    /// The same chain without search moves, a sampler.
+    /// The same chain without it, a sampler.
     pub sampler: Speed,
     /// Vectors the stages were compiled for.
     pub engine: &'static str,
@@ -519,15 +519,15 @@ pub struct Report {
     pub portable: Speed,
     /// Part of the picture that the face covers.
     pub covered_fraction: f64,
-    /// Stages by name, and last the `step`: an image-evaluated step of a default fit beside
+    /// Stages by name, and last the `step`: an image-evaluated step of the paper's chain beside
     /// the naive twins of rendering and likelihood.
     #[serde(serialize_with = "as_map")]
     pub stages: Vec<(&'static str, Timing)>,
     /// How fast this machine reads.
     pub bandwidth_gb_per_s: Bandwidth,
-    /// Bytes an average image-evaluated step of a default fit reads and writes, an estimate:
-    /// every stage that the step's move makes necessary counts each of its buffers once. What
-    /// search moves look at to find their proposals is not counted.
+    /// Bytes an average image-evaluated step of that chain reads and writes, an estimate:
+    /// every stage that the step's move makes necessary counts each of its buffers once. What the
+    /// closed-form light looks at is not counted.
     pub bytes_per_step: f64,
     /// Image-evaluated steps per second if moving those bytes, at the cache's bandwidth, were all
     /// there is to do.

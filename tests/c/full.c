@@ -63,6 +63,7 @@ int main(int argc, char **argv)
     fclose(file);
 
     OnescanSettings settings = onescan_default_settings();
+    settings.pixel_patch = 1; /* the paper's chain: one pixel, one error */
     size_t words = onescan_words(&info, &settings, count, width, height);
     uint32_t *memory = check(calloc(words, sizeof *memory), "memory");
     good(onescan_start(&fit, model, bytes, rgb, width, height, landmarks, count, &settings, memory,
@@ -74,6 +75,7 @@ int main(int argc, char **argv)
     printf("fingerprint %016llx\n", (unsigned long long)progress.fingerprint);
     free(memory);
 
+    settings = onescan_default_settings();
     words = onescan_search_words(&info, &settings, count, width, height);
     memory = check(calloc(words, sizeof *memory), "memory");
     good(onescan_search_start(&search, model, bytes, rgb, width, height, landmarks, count, &settings,

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 /// The schedules that have a table, as `onescan fit` names them, and their tests.
-const SCHEDULES: [(&str, &str); 2] = [("mode", "a_search"), ("paper", "a_chain")];
+const SCHEDULES: [(&str, &str); 2] = [("mode", "a_search"), ("paper", "the_papers_chain")];
 
 /// The command: the test writes its table where this says, this puts it into the page, below the
 /// line that names the schedule.

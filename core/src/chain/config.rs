@@ -23,12 +23,13 @@ pub struct Config {
     pub pixel_sd: f32,
     /// Pixels that share one independent error: the image likelihood is raised to the power
     /// `1/pixel_patch`. What a model cannot explain (a wrinkle, a highlight) is wrong in a whole
-    /// patch of the picture; counted pixel by pixel (1, as the reference engine does) it would
+    /// patch of the picture; counted pixel by pixel (1, as the paper does) it would
     /// overrule the prior and be explained by a wrong shape.
     pub pixel_patch: f32,
     /// Priors on pose, camera and colour.
     pub prior: Prior,
-    /// Whether search moves are used. Without them the image stage is a sampler of its target.
+    /// Whether the light is also solved for in closed form, as the paper's chain does. Without that
+    /// move the image stage is a sampler of its target.
     pub search: bool,
 }
 

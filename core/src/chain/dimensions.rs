@@ -1,6 +1,5 @@
 //! How much memory a chain needs.
 
-use super::refine::search_words;
 use crate::basis::padded;
 use crate::lanes::planes_words;
 use crate::likelihood::background::HISTOGRAM_LEN;
@@ -32,7 +31,7 @@ impl Dimensions {
     ///
     /// Two slots (the current and the proposed state's) of positions, normals and albedo per
     /// vertex, and of what is visible per pixel; its normal and albedo; window coordinates; the
-    /// target picture; the landmarks' rows of the basis; the search moves' normal equations.
+    /// target picture; the landmarks' rows of the basis.
     pub const fn words(&self) -> usize {
         let Self { width, height, lean, .. } = *self;
         let (slots, planes) = if lean { (1, 0) } else { (2, 2) };
@@ -42,8 +41,7 @@ impl Dimensions {
         let rest = slots * slot
             + vertices
             + planes * planes_words(width, height)
-            + landmarks::rows_words(self.landmarks, self.shape_rank)
-            + search_words(self.shape_rank, self.albedo_rank);
+            + landmarks::rows_words(self.landmarks, self.shape_rank);
         // The background histogram is needed once, before the rest is.
         target_words(width, height) + if rest > HISTOGRAM_LEN { rest } else { HISTOGRAM_LEN }
     }

@@ -14,7 +14,6 @@ mod config;
 mod dimensions;
 mod pipeline;
 mod problem;
-mod refine;
 pub mod schedule;
 mod target;
 
@@ -30,7 +29,6 @@ pub use config::Config;
 pub use dimensions::Dimensions;
 use pipeline::{Pipeline, Proposed};
 pub use problem::{ChainError, Problem};
-use refine::search_words;
 use schedule::{Begin, IMAGE, MAX_PHASES, Phase};
 pub use schedule::{Schedule, Stage};
 use serde::{Deserialize, Serialize};
@@ -276,10 +274,8 @@ impl<'a, 'w> Chain<'a, 'w> {
             config.landmark_sd,
         )
         .ok_or(error)?;
-        let words = search_words(dimensions.shape_rank, dimensions.albedo_rank);
-        let system = carver.floats(words).ok_or(error)?;
         let (points, proposed) = (Points::new(), Points::new());
-        let target = Photo { problem, centres, landmarks, points, proposed, pipeline, system };
+        let target = Photo { problem, centres, landmarks, points, proposed, pipeline };
         Ok(Self { target, tables, progress })
     }
 

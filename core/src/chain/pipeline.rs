@@ -2,14 +2,13 @@
 
 use super::dimensions::Dimensions;
 use super::problem::Problem;
-use super::refine::{self, Constraints, Sample, Search, View};
 use crate::basis::padded;
 use crate::lanes::Planes;
 use crate::light::{self, Light, LitPoint};
 use crate::likelihood::pixels::{Coverage, Known, Surface, Target};
 use crate::math;
 use crate::memory::{Carver, Slots};
-use crate::model::{Model, Triangles};
+use crate::model::Triangles;
 use crate::proposal::Touched;
 use crate::render::rasterize::{Frame, Hit};
 use crate::render::shade::{self, Attributes, Shader};
@@ -57,8 +56,6 @@ pub(super) struct Pipeline<'w> {
     stale: Stale,
     /// What of the buffers, having one slot only, no longer is the current state's.
     overwritten: Touched,
-    width: usize,
-    height: usize,
 }
 
 impl<'w> Pipeline<'w> {
@@ -91,8 +88,6 @@ impl<'w> Pipeline<'w> {
             stale: Stale::Everything,
             overwritten: Touched::COLOR,
             window: carver.quads(n)?,
-            width,
-            height,
         })
     }
 
@@ -236,45 +231,6 @@ impl<'w> Pipeline<'w> {
             .map(|range| range.start + rng.below(range.len() as u32) as usize);
         Some(([x, y], frame.hit(x, y)?))
     }
-
-    /// Gauss–Newton step of albedo and light of the current state.
-    pub(super) fn refine_albedo(
-        &self,
-        model: &Model<'_>,
-        scene: &mut Scene,
-        search: Search<'_>,
-        rng: &mut Rng,
-    ) -> Option<()> {
-        let visible = Visible::new(self, model, scene);
-        let samples = (0..search.points).filter_map(|_| visible.sample(rng));
-        refine::albedo(&model.albedo, scene, samples, self.represented(&search), search)
-    }
-
-    /// Gauss–Newton step of shape and pose of the current state.
-    pub(super) fn refine_shape(
-        &self,
-        model: &Model<'_>,
-        scene: &mut Scene,
-        constraints: &Constraints<'_>,
-        search: Search<'_>,
-        rng: &mut Rng,
-    ) -> Option<()> {
-        let visible = Visible::new(self, model, scene);
-        let positions = self.positions.get();
-        let samples = (0..search.points).filter_map(|_| {
-            let sample = visible.sample(rng)?;
-            Some((xyz(*positions.get(sample.vertex)?), sample))
-        });
-        let represented = self.represented(&search);
-        refine::shape(&model.shape, scene, samples, represented, constraints, search)
-    }
-
-    /// Pixels that a sample stands for: samples are drawn from a box around what is visible.
-    fn represented(&self, search: &Search<'_>) -> f32 {
-        let frame = self.frame.get();
-        let pixels = frame.columns().len() * frame.rows().len();
-        (pixels as f32 / search.points.max(1) as f32).max(1.0)
-    }
 }
 
 /// One buffer or two.
@@ -284,76 +240,4 @@ fn slots<T>(lean: bool, mut buffer: impl FnMut() -> Option<T>) -> Option<Slots<T
 
 fn xyz([x, y, z, _]: [f32; 4]) -> [f32; 3] {
     [x, y, z]
-}
-
-/// What the search moves see of the current state.
-struct Visible<'s, 'w> {
-    pipeline: &'s Pipeline<'w>,
-    triangles: Triangles<'s>,
-    view: View,
-    shader: Shader,
-    rotation: [[f32; 3]; 3],
-}
-
-impl<'s, 'w> Visible<'s, 'w> {
-    fn new(pipeline: &'s Pipeline<'w>, model: &Model<'s>, scene: &Scene) -> Self {
-        Self {
-            pipeline,
-            triangles: model.triangles,
-            view: View::new(scene),
-            shader: Shader::new(scene),
-            rotation: scene.pose.rotation(),
-        }
-    }
-
-    /// The nearest vertex of a random visible pixel, compared with the picture.
-    fn sample(&self, rng: &mut Rng) -> Option<Sample> {
-        let pipeline = self.pipeline;
-        let (_, hit) = pipeline.visible_pixel(rng)?;
-        let [w1, w2] = hit.weights;
-        let w0 = 1.0 - w1 - w2;
-        let [a, b, c] = self.triangles.get(hit.triangle)?;
-        let nearest = if w0 >= w1 && w0 >= w2 {
-            a
-        } else if w2 > w1 {
-            c
-        } else {
-            b
-        };
-        let vertex = nearest as usize;
-        let [u, v] = self.view.window(xyz(*pipeline.positions.get().get(vertex)?));
-        let (color, gradient) = self.picture(u, v)?;
-        let attributes = *pipeline.attributes.get().get(vertex)?;
-        let normal = xyz(shade::normal_of(attributes));
-        let albedo = xyz(shade::albedo_of(attributes));
-        let model = self.shader.color(normal, albedo);
-        let world = self.rotation.map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
-        Some(Sample {
-            vertex,
-            residual: math::zip(color, model, |color, model| color - model),
-            gradient,
-            albedo,
-            radiance: self.shader.radiance(normal),
-            harmonics: light::basis(world),
-        })
-    }
-
-    /// Colour of the picture between pixels, and its central differences over two pixels.
-    fn picture(&self, u: f32, v: f32) -> Option<([f32; 3], [[f32; 3]; 2])> {
-        let Pipeline { target, width, height, .. } = self.pipeline;
-        let (x, y) = (math::floor(u), math::floor(v));
-        let (fx, fy) = (u - x as f32, v - y as f32);
-        let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
-        if x < 1 || y < 1 || x + 2 >= *width || y + 2 >= *height {
-            return None;
-        }
-        let mix = |a: [f32; 3], b: [f32; 3], f: f32| math::zip(a, b, |a, b| a + f * (b - a));
-        let at = |x: usize, y: usize| {
-            let [a, b] = [y, y + 1].map(|y| mix(target.color(x, y), target.color(x + 1, y), fx));
-            mix(a, b, fy)
-        };
-        let half = |a: [f32; 3], b: [f32; 3]| math::zip(a, b, |a, b| 0.5 * (a - b));
-        let gradient = [half(at(x + 1, y), at(x - 1, y)), half(at(x, y + 1), at(x, y - 1))];
-        Some((at(x, y), gradient))
-    }
 }

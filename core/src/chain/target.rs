@@ -1,14 +1,12 @@
 //! What a fit to a photo samples: landmarks, prior and picture, with the memory to judge a scene by
-//! them and to search for better ones.
+//! them.
 
 use super::pipeline::{Pipeline, Proposed};
 use super::problem::Problem;
-use super::refine::{Constraints, Search};
 use super::schedule::{IMAGE, LANDMARKS};
-use crate::likelihood::landmarks::{LandmarkSample, Landmarks, MAX_LANDMARKS, Points};
-use crate::math;
+use crate::likelihood::landmarks::{Landmarks, Points};
 use crate::metropolis::{Drawn, Factor, Factors, Moves, New, Target};
-use crate::proposal::{self, CENTRES, Part, Surroundings, Table, Touched};
+use crate::proposal::{self, CENTRES, Surroundings, Table, Touched};
 use crate::rng::Rng;
 use crate::scene::Scene;
 
@@ -26,8 +24,6 @@ pub(super) struct Photo<'a, 'w> {
     /// And of the proposal, if its shape is another.
     pub(super) proposed: Points,
     pub(super) pipeline: Pipeline<'w>,
-    /// Of the search moves.
-    pub(super) system: &'w mut [f32],
 }
 
 impl<'a> Photo<'a, '_> {
@@ -143,33 +139,5 @@ impl Surroundings for Photo<'_, '_> {
         let triangles = self.problem.model.triangles;
         scene.light = self.pipeline.solve_light(triangles, scene, points, rng)?;
         Some(())
-    }
-
-    fn refine(&mut self, scene: &mut Scene, part: Part, points: u32, rng: &mut Rng) -> Option<()> {
-        let Problem { model, config, engine, .. } = self.problem;
-        let search = Search {
-            points,
-            fraction: rng.uniform() as f32,
-            // What the linearised pixels' inverse variance amounts to.
-            sd: config.pixel_sd * math::sqrt(config.pixel_patch),
-            normal_equations: engine.normal_equations,
-            memory: self.system,
-        };
-        match part {
-            Part::Albedo => self.pipeline.refine_albedo(model, scene, search, rng),
-            Part::Shape => {
-                let mut samples = heapless::Vec::<LandmarkSample, MAX_LANDMARKS>::new();
-                for sample in self.landmarks.samples(scene, &self.points) {
-                    // As many as landmarks.
-                    let _ = samples.push(sample);
-                }
-                let constraints = Constraints {
-                    landmarks: &samples,
-                    landmark_sd: config.landmark_sd,
-                    prior: &config.prior,
-                };
-                self.pipeline.refine_shape(model, scene, &constraints, search, rng)
-            }
-        }
     }
 }

@@ -103,21 +103,13 @@ pub enum Move {
         /// Visible surface points to use.
         points: u32,
     },
-    /// Goes a random part of a Gauss–Newton step of the coefficients (and with the shape the
-    /// pose) towards the picture. A search move.
-    Refine {
-        /// Which coefficients.
-        part: Part,
-        /// Visible vertices to use.
-        points: u32,
-    },
 }
 
 impl Move {
     /// Whether the move optimises: it finds good states quickly, but it is not reversible and a
     /// chain that uses it is no sampler.
     pub fn is_search(&self) -> bool {
-        matches!(self, Self::SolveLight { .. } | Self::Refine { .. })
+        matches!(self, Self::SolveLight { .. })
     }
 
     /// The coefficients the move changes, if any.
@@ -125,8 +117,7 @@ impl Move {
         match *self {
             Self::Gaussian { part, .. }
             | Self::Single { part, .. }
-            | Self::Caricature { part, .. }
-            | Self::Refine { part, .. } => Some(part),
+            | Self::Caricature { part, .. } => Some(part),
             _ => None,
         }
     }

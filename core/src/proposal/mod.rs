@@ -32,10 +32,6 @@ pub trait Surroundings {
     /// Replaces the light of `scene`, the current state, by the closed-form light from `points`
     /// visible surface points. `None` if there is none.
     fn solve_light(&mut self, scene: &mut Scene, points: u32, rng: &mut Rng) -> Option<()>;
-
-    /// Moves the coefficients (and the pose) of `scene`, the current state, by part of a
-    /// Gauss–Newton step from `points` visible vertices. `None` if there is none.
-    fn refine(&mut self, scene: &mut Scene, part: Part, points: u32, rng: &mut Rng) -> Option<()>;
 }
 
 /// Applies a leaf to the scene. Returns the log ratio described at the top of this module, or
@@ -100,10 +96,6 @@ fn apply(
         Move::LightColor { sd } => light::tint(&mut scene.light, sd, rng),
         Move::SolveLight { points } => {
             surroundings.solve_light(scene, points, rng)?;
-            Some(0.0)
-        }
-        Move::Refine { part, points } => {
-            surroundings.refine(scene, part, points, rng)?;
             Some(0.0)
         }
     }

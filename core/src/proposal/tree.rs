@@ -88,7 +88,6 @@ macro_rules! coefficients {
             (0.5, Leaf($name, Move::Gaussian { part: $part, sd: 0.1 })),
             (0.2, Leaf($name, Move::Gaussian { part: $part, sd: 0.025 })),
             (0.2, Leaf(concat!($name, " caricature"), Move::Caricature { part: $part, sd: 0.2 })),
-            (0.15, Leaf(concat!($name, " refine"), Move::Refine { part: $part, points: 600 })),
         ])
     };
 }

@@ -140,7 +140,7 @@ struct Object {
     #[arg(short = 'n', long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     pictures: u32,
     /// How to fit them, see `onescan fit`.
-    #[arg(long, value_enum, default_value_t = Schedule::Paper)]
+    #[arg(long, value_enum, default_value_t)]
     schedule: Schedule,
     /// Seed of animals, scenes and fits.
     #[arg(long, default_value_t = 7)]

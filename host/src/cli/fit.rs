@@ -71,10 +71,10 @@ pub(super) struct Fit {
     /// Side of the picture the fit looks at: the face is cut out and scaled to it.
     #[arg(long, default_value_t = Crop::LONGER_SIDE, value_parser = clap::value_parser!(u32).range(32..=2048))]
     size: u32,
-    /// Pixels that share one independent error; 1 trusts every pixel by itself, as the reference
-    /// engine does.
-    #[arg(long, default_value_t = Config::default().pixel_patch, value_parser = at_least_one)]
-    pixel_patch: f32,
+    /// Pixels that share one independent error; 1 trusts every pixel by itself, as the paper does
+    /// [default: 80; with --schedule paper 1].
+    #[arg(long, value_parser = at_least_one)]
+    pixel_patch: Option<f32>,
     #[command(flatten)]
     chain: ChainOptions,
 }
@@ -265,7 +265,7 @@ impl Fit {
             set(&mut config.shape_samples, self.chain.shape_samples);
             set(&mut config.samples, self.chain.samples);
             config.landmark_sd = self.landmark_sd;
-            config.pixel_patch = self.pixel_patch;
+            config.pixel_patch = self.pixel_patch.unwrap_or(config.pixel_patch);
         })
     }
 }

@@ -12,9 +12,9 @@ pub enum Schedule {
     /// Search for the mode of the posterior; hair and glasses are not taken for the face.
     #[default]
     Mode,
-    /// The paper's chain, which also makes search moves.
+    /// The paper's chain: random walks and closed-form light, every pixel an error of its own.
     Paper,
-    /// The chain without search moves: it samples the posterior, and is slower to get there.
+    /// A chain of random walks alone, which leaves the posterior invariant.
     Sampler,
 }
 
@@ -28,7 +28,7 @@ impl Schedule {
                 config.albedo_rank = model.albedo.rank().min(MAX_RANK);
                 (config.landmark_samples, config.samples) = (0, 0);
             }
-            Self::Paper => {}
+            Self::Paper => config.pixel_patch = 1.0,
             Self::Sampler => config.search = false,
         })
     }
