@@ -9,16 +9,22 @@ pub fn exp(x: f64) -> f64 {
     libm::exp(x)
 }
 
-/// `eˣ` in single precision, for factors.
+/// `eˣ` in single precision, for factors and pixels.
 #[inline]
 pub fn exp_f32(x: f32) -> f32 {
-    exp(f64::from(x)) as f32
+    libm::expf(x)
 }
 
 /// Natural logarithm.
 #[inline]
 pub fn ln(x: f64) -> f64 {
     libm::log(x)
+}
+
+/// Natural logarithm in single precision, for pixels.
+#[inline]
+pub fn ln_f32(x: f32) -> f32 {
+    libm::logf(x)
 }
 
 /// Sine and cosine of an angle in radians.

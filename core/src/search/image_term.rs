@@ -38,9 +38,9 @@ use crate::scene::Scene;
 /// the face: some hundred pixels, the order of the patch that shares one error.
 const COHERENCE: f32 = 3.0;
 /// Log of the odds against the face, at most, that one pixel's colour can be.
-const HOPELESS: f64 = 12.0;
+const HOPELESS: f32 = 12.0;
 /// `ℓ` from which on that makes no difference.
-const CERTAIN: f64 = 6.0;
+const CERTAIN: f32 = 6.0;
 /// Cosine of the angle to the line of sight from which on a surface has its full say.
 const FACING: f32 = 0.3;
 
@@ -83,14 +83,12 @@ impl ModeSearch<'_, '_> {
                     set(near, index, 0.0);
                     continue;
                 };
-                let hidden = f64::from(self.hidden(&hit));
+                let hidden = self.hidden(&hit);
                 let say = at(self.planes.weights, index);
                 let around = at(near, index).max(1e-6);
-                let ratio = f64::from(at(ratios, index) / around);
-                // Something else against the face.
-                let odds = hidden / (1.0 - hidden) * math::exp(-ratio);
-                let mask = (1.0 / (1.0 + odds)) as f32;
-                row += f64::from(say) * (ratio + math::ln((1.0 - hidden) * (1.0 + odds)));
+                let ratio = at(ratios, index) / around;
+                let (ln, mask) = mixture(ratio, hidden);
+                row += f64::from(say) * f64::from(ln);
                 row_says += say;
                 set(near, index, say * mask / around);
                 let mask = mask * self.options.open_at(index);
@@ -143,20 +141,20 @@ impl ModeSearch<'_, '_> {
                 let Some((_, point)) = self.point(&shading, &hit) else { continue };
                 let difference = sub(self.photo(index), point.color);
                 let face = normaliser - k * dot(difference, difference);
-                let ratio = f64::from(face - at(self.planes.ln_background, index));
+                let ratio = face - at(self.planes.ln_background, index);
                 let doubtful = ratio < CERTAIN && self.hidden(&hit) > 0.0;
-                let anything = if doubtful { math::exp(-HOPELESS - ratio) } else { 0.0 };
+                let (ratio, own) = if doubtful { bounded(ratio) } else { (ratio, 1.0) };
                 let facing = shading.facing(&point) * (1.0 / FACING);
                 let say = self.options.open_at(index) * facing.clamp(0.0, 1.0);
                 let Planes { mask, weights, rendering, .. } = &mut self.planes;
                 for (plane, value) in rendering.iter_mut().zip(point.color) {
                     set(plane, index, value);
                 }
-                set(ratios, index, say * (ratio + math::ln(1.0 + anything)) as f32);
+                set(ratios, index, say * ratio);
                 set(near, index, say);
                 set(weights, index, say);
                 // Never nought: that is where nothing is covered.
-                set(mask, index, ((1.0 / (1.0 + anything)) as f32).max(f32::MIN_POSITIVE));
+                set(mask, index, own.max(f32::MIN_POSITIVE));
                 covered += 1;
             }
         }
@@ -209,6 +207,25 @@ impl ModeSearch<'_, '_> {
             }
         }
     }
+}
+
+/// `ln(exp ℓ + exp −HOPELESS)` and the first summand's share.
+fn bounded(ratio: f32) -> (f32, f32) {
+    let small = math::exp_f32(-(ratio + HOPELESS).abs());
+    let (face, anything) = if ratio > -HOPELESS { (1.0, small) } else { (small, 1.0) };
+    (ratio.max(-HOPELESS) + math::ln_f32(face + anything), face / (face + anything))
+}
+
+/// `ln[(1 − ε) exp L + ε]` and the first summand's share.
+fn mixture(ratio: f32, hidden: f32) -> (f32, f32) {
+    if hidden <= 0.0 {
+        return (ratio, 1.0);
+    }
+    // Relative to the larger exponential.
+    let small = math::exp_f32(-ratio.abs());
+    let (face, other) =
+        if ratio > 0.0 { (1.0 - hidden, hidden * small) } else { ((1.0 - hidden) * small, hidden) };
+    (ratio.max(0.0) + math::ln_f32(face + other), face / (face + other))
 }
 
 fn set(plane: &mut [f32], index: usize, value: f32) {

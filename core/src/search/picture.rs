@@ -20,8 +20,8 @@ impl Kernel {
         let mut taps = [0.0; REACH + 1];
         let reach = (math::ceil(3.0 * sd.min(MAX_BLUR)).max(0) as usize).min(REACH);
         for (i, tap) in taps.iter_mut().enumerate().take(reach + 1) {
-            let x = i as f64 / f64::from(sd);
-            *tap = math::exp(-0.5 * x * x) as f32;
+            let x = i as f32 / sd;
+            *tap = math::exp_f32(-0.5 * x * x);
         }
         Self { taps, reach }
     }
@@ -148,7 +148,7 @@ pub(super) fn ln_background(
     let seen = (1.0 - UNSEEN) * HISTOGRAM_LEN as f32 / total.max(1.0);
     for (ln, &pixel) in ln_density.iter_mut().zip(pixels) {
         let count = histogram.get(bin(pixel)).copied().unwrap_or(0.0);
-        *ln = math::ln(f64::from(UNSEEN + seen * count)) as f32;
+        *ln = math::ln_f32(UNSEEN + seen * count);
     }
 }
 

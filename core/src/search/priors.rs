@@ -70,11 +70,11 @@ pub(super) struct Priors<'a> {
 
 impl Priors<'_> {
     fn ln_distance(&self, scene: &Scene) -> f32 {
-        math::ln(f64::from(-scene.pose.translation[2] / self.prior.distance)) as f32
+        math::ln_f32(-scene.pose.translation[2] / self.prior.distance)
     }
 
     fn ln_focal(&self, scene: &Scene) -> f32 {
-        math::ln(f64::from(scene.camera.focal_length / self.focal_length)) as f32
+        math::ln_f32(scene.camera.focal_length / self.focal_length)
     }
 
     /// Standard deviation of an albedo coefficient.

@@ -80,11 +80,10 @@ pub struct Parts<'v> {
 pub fn advance(scene: &mut Scene, step: &Parts<'_>) {
     let [wx, wy, wz, tx, ty, zoom, recede] = *step.pose;
     scene.pose.turn([wx, wy, wz]);
-    let factor = |x: f32| math::exp(f64::from(x)) as f32;
     scene.pose.translation[0] += tx;
     scene.pose.translation[1] += ty;
-    scene.pose.translation[2] *= factor(recede);
-    scene.camera.focal_length *= factor(zoom + recede);
+    scene.pose.translation[2] *= math::exp_f32(recede);
+    scene.camera.focal_length *= math::exp_f32(zoom + recede);
     let add = |to: &mut [f32], step: &[f32]| {
         for (x, d) in to.iter_mut().zip(step) {
             *x += d;

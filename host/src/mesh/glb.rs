@@ -141,24 +141,27 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
 
 /// An sRGB colour as linear 16-bit RGBA.
 fn linear_rgba(color: [f32; 3]) -> [u16; 4] {
-    let [r, g, b] = color.map(|c| (linear(c.into()) * 65535.0 + 0.5) as u16);
+    let [r, g, b] = color.map(|c| (linear(c) * 65535.0 + 0.5) as u16);
     [r, g, b, u16::MAX]
 }
 
 /// An sRGB value, clamped to `[0, 1]`, as linear light: `((c + 0.055)/1.055)^2.4`, `c/12.92` up to
 /// 0.04045 (IEC 61966-2-1).
-pub(crate) fn linear(c: f64) -> f64 {
+pub(crate) fn linear(c: f32) -> f32 {
     let c = c.clamp(0.0, 1.0);
-    if c <= 0.04045 { c / 12.92 } else { math::exp(2.4 * math::ln((c + 0.055) / 1.055)) }
+    if c <= 0.04045 { c / 12.92 } else { math::exp_f32(2.4 * math::ln_f32((c + 0.055) / 1.055)) }
 }
 
 /// Linear light, clamped to `[0, 1]`, as an sRGB value: the inverse of [`linear`].
 #[cfg(feature = "full")]
 pub(crate) fn stored(c: f32) -> f32 {
-    let c = f64::from(c.clamp(0.0, 1.0));
-    let value =
-        if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * math::exp(math::ln(c) / 2.4) - 0.055 };
-    value.clamp(0.0, 1.0) as f32
+    let c = c.clamp(0.0, 1.0);
+    let value = if c <= 0.003_130_8 {
+        12.92 * c
+    } else {
+        1.055 * math::exp_f32(math::ln_f32(c) / 2.4) - 0.055
+    };
+    value.clamp(0.0, 1.0)
 }
 
 #[cfg(test)]

@@ -162,7 +162,7 @@ impl Picture {
     /// A picture without pixels.
     pub fn to_png(&self) -> Result<Vec<u8>> {
         let mut out = Vec::new();
-        PngEncoder::new_with_quality(&mut out, CompressionType::Default, FilterType::Adaptive)
+        PngEncoder::new_with_quality(&mut out, CompressionType::Fast, FilterType::Adaptive)
             .write_image(self.bytes(), self.width, self.height, ExtendedColorType::Rgb8)
             .map_err(|e| {
                 Error::new(format_args!("cannot write a {}×{} PNG: {e}", self.width, self.height))

@@ -526,11 +526,7 @@ fn bake(
 fn lit(stored: [f32; 3], linear: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|i| {
         // Untouched where there is nothing to do.
-        if linear[i] == 1.0 {
-            stored[i]
-        } else {
-            glb::stored(glb::linear(stored[i].into()) as f32 * linear[i])
-        }
+        if linear[i] == 1.0 { stored[i] } else { glb::stored(glb::linear(stored[i]) * linear[i]) }
     })
 }
 
