@@ -51,20 +51,24 @@ pub type Residual = fn(&Surface<'_, '_>, Known<'_>, &Shader, &Target<'_>, f64) -
 
 impl Engine {
     /// As this crate is compiled.
-    pub const PORTABLE: Self = Self {
-        name: "portable",
-        instance: |basis, coefficients, vertices| basis.instance(coefficients, vertices),
-        transposed: |basis, cost, coefficients| basis.transposed(cost, coefficients),
-        rows: |basis, entries, costs, rows| basis.rows(entries, costs, rows),
-        normals: mesh::vertex_normals,
-        project: project::project,
-        rasterize: rasterize::rasterize,
-        coverage: Coverage::of,
-        interpolate: pixels::interpolate,
-        residual: pixels::residual,
-        normal_equations: NormalEquations { add: add_normal_equations::<2>, solve: cholesky::<2> },
-    };
+    pub const PORTABLE: &'static Self = &PORTABLE;
 }
+
+/// A static, since what a constant names is compiled anew by whoever uses the constant: a shell that
+/// wants to be small would make its fits slow.
+static PORTABLE: Engine = Engine {
+    name: "portable",
+    instance: |basis, coefficients, vertices| basis.instance(coefficients, vertices),
+    transposed: |basis, cost, coefficients| basis.transposed(cost, coefficients),
+    rows: |basis, entries, costs, rows| basis.rows(entries, costs, rows),
+    normals: mesh::vertex_normals,
+    project: project::project,
+    rasterize: rasterize::rasterize,
+    coverage: Coverage::of,
+    interpolate: pixels::interpolate,
+    residual: pixels::residual,
+    normal_equations: NormalEquations { add: add_normal_equations::<2>, solve: cholesky::<2> },
+};
 
 impl fmt::Debug for Engine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

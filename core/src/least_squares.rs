@@ -82,8 +82,8 @@ fn add_tile<const ROWS: usize>(
         }
     }
     for (factor, lanes) in factors.iter().zip(lanes) {
-        for r in 0..ROWS {
-            for l in 0..LANES {
+        for l in 0..LANES {
+            for r in 0..ROWS {
                 sums[r][l] += factor[r] * lanes[l];
             }
         }

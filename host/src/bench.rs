@@ -577,7 +577,7 @@ pub fn measure(progress: &mut dyn FnMut(f64)) -> Result<Report> {
     let best = simd::best();
     let fit = Run::new(&workload, best, true, &mut |done| progress(0.5 + 0.15 * done))?;
     let sampler = Run::new(&workload, best, false, &mut |done| progress(0.65 + 0.1 * done))?;
-    let portable = &Engine::PORTABLE;
+    let portable = Engine::PORTABLE;
     let portable = Run::new(&workload, portable, true, &mut |done| progress(0.75 + 0.2 * done))?;
     let naive_step = timings
         .iter()

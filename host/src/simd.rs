@@ -153,13 +153,13 @@ engine!(avx2, "avx2");
 
 /// The fastest engine for this processor.
 pub fn best() -> &'static Engine {
-    all().last().copied().unwrap_or(&Engine::PORTABLE)
+    all().last().copied().unwrap_or(Engine::PORTABLE)
 }
 
 /// The engines this processor can run, the fastest last.
 pub fn all() -> Vec<&'static Engine> {
     #[allow(unused_mut)]
-    let mut engines = vec![&Engine::PORTABLE];
+    let mut engines = vec![Engine::PORTABLE];
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::is_x86_feature_detected as has;

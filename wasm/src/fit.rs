@@ -78,7 +78,7 @@ impl Inputs {
     }
 
     fn problem<'a>(&'a self, observed: &'a Observed<'a>) -> Problem<'a> {
-        observed.problem(self.model.borrow_dependent(), &self.config, &Engine::PORTABLE)
+        observed.problem(self.model.borrow_dependent(), &self.config, Engine::PORTABLE)
     }
 }
 

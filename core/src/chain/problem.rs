@@ -84,7 +84,7 @@ impl<'a> Problem<'a> {
         landmarks: &'a [Observation<'a>],
         config: &'a Config,
     ) -> Self {
-        let (schedule, engine) = (&Schedule::FACE, &Engine::PORTABLE);
+        let (schedule, engine) = (&Schedule::FACE, Engine::PORTABLE);
         Self { model, image, landmarks, config, schedule, engine, lean: false }
     }
 

@@ -99,7 +99,7 @@ impl Case {
             self.landmarks.iter().map(|&(name, position)| Observation { name, position }).collect();
         let image = Image { pixels: &self.pixels, width: SIDE, height: SIDE };
         let problem = Problem::new(&model, image, &observations, &self.config)
-            .with_engine(&Engine::PORTABLE)
+            .with_engine(Engine::PORTABLE)
             .with_lean(lean);
         let mut memory = vec![0; words(&problem)];
         f(&mut ModeSearch::new(problem, options, &mut memory).unwrap())

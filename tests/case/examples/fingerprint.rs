@@ -4,9 +4,9 @@ use onescan_case::{SEARCH_WORDS, WORDS, fit, search, write_search};
 use onescan_core::engine::Engine;
 
 fn main() {
-    let fitted = fit(&mut vec![0; WORDS], &Engine::PORTABLE, true);
+    let fitted = fit(&mut vec![0; WORDS], Engine::PORTABLE, true);
     println!("fingerprint {:016x}", fitted.map_or(0, |fitted| fitted.fingerprint));
-    let found = search(&mut vec![0; SEARCH_WORDS], &Engine::PORTABLE);
+    let found = search(&mut vec![0; SEARCH_WORDS], Engine::PORTABLE);
     let mut lines = String::new();
     if let Some(found) = found
         && write_search(&mut lines, &found).is_ok()

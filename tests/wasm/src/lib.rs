@@ -9,11 +9,11 @@ use onescan_core::engine::Engine;
 pub extern "C" fn line(index: usize) -> u64 {
     let mut memory = vec![0; WORDS.max(SEARCH_WORDS)];
     if index < STAGES.len() {
-        return stages(&mut memory, &Engine::PORTABLE).map_or(0, |hashes| hashes[index]);
+        return stages(&mut memory, Engine::PORTABLE).map_or(0, |hashes| hashes[index]);
     }
     if index == STAGES.len() {
-        return fit(&mut memory, &Engine::PORTABLE, true).map_or(0, |fitted| fitted.fingerprint);
+        return fit(&mut memory, Engine::PORTABLE, true).map_or(0, |fitted| fitted.fingerprint);
     }
-    let hashes = search(&mut memory, &Engine::PORTABLE).map(|found| found.hashes());
+    let hashes = search(&mut memory, Engine::PORTABLE).map(|found| found.hashes());
     hashes.and_then(|hashes| hashes.get(index - STAGES.len() - 1).copied()).unwrap_or(0)
 }

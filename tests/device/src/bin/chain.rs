@@ -17,8 +17,8 @@ fn main() -> ! {
     firmware(|out| {
         let memory = singleton!(: [u32; WORDS] = [0; WORDS])?;
         let screen = singleton!(: Display = Display::new())?;
-        let hashes = stages(memory, &Engine::PORTABLE)?;
-        let fitted = timed(out, "chain", || fit(memory, &Engine::PORTABLE, true))?;
+        let hashes = stages(memory, Engine::PORTABLE)?;
+        let fitted = timed(out, "chain", || fit(memory, Engine::PORTABLE, true))?;
         write_chain(out, &hashes, fitted.fingerprint).ok()?;
         // Cannot fail: the screen is memory.
         picture(memory, &fitted.scene, |colors| {

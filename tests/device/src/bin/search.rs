@@ -17,7 +17,7 @@ fn main() -> ! {
     firmware(|out| {
         let memory = singleton!(: [u32; SEARCH_WORDS] = [0; SEARCH_WORDS])?;
         let screen = singleton!(: Display = Display::new())?;
-        let found = timed(out, "search", || search(memory, &Engine::PORTABLE))?;
+        let found = timed(out, "search", || search(memory, Engine::PORTABLE))?;
         write_search(out, &found).ok()?;
         // Cannot fail: the screen is memory.
         half_picture(memory, &found.scene, |colors| {
