@@ -111,7 +111,11 @@ function fit(prefix, length, progressName, photoName) {
   return number(progressName, progress, "fingerprint").toString(16).padStart(16, "0");
 }
 
+// The paper's chain: one pixel, one error.
+const patch = view().getFloat32(settings + fields.of.pixel_patch.offset, true);
+if (!small) set("pixel_patch", 1);
 console.log(`fingerprint ${fit("onescan", constant("ONESCAN_FIT_LENGTH"), "OnescanProgress", "photo")}`);
+set("pixel_patch", patch);
 if (small) setRanks(20);
 const half = small ? "half" : "photo";
 console.log(`search ${fit("onescan_search", constant("ONESCAN_SEARCH_LENGTH"), "OnescanSearchProgress", half)}`);
