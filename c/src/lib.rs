@@ -15,7 +15,7 @@ use onescan_core::chain::{Chain, ChainError, Config, Dimensions, Problem, Schedu
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, Observation};
 use onescan_core::model::{Model, ModelError};
-use onescan_core::render::{draw, draw_words};
+use onescan_core::draw::{draw, draw_words};
 use onescan_core::scene::{MAX_RANK, Scene};
 use onescan_core::search::{LEVELS, ModeSearch, Options, words_for};
 

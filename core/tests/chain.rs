@@ -3,10 +3,10 @@
 mod common;
 
 use onescan_core::chain::{Chain, Config, Problem, Stage};
+use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
-use onescan_core::render::{draw, draw_words};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 

@@ -5,6 +5,7 @@ mod common;
 
 use common::{ModelBytes, mask};
 use onescan_core::basis::padded;
+use onescan_core::draw::{draw, draw_words};
 use onescan_core::lanes::planes_words;
 use onescan_core::likelihood::background::HISTOGRAM_LEN;
 use onescan_core::likelihood::pixels::{
@@ -14,10 +15,10 @@ use onescan_core::memory::Carver;
 use onescan_core::mesh::vertex_normals;
 use onescan_core::model::{Model, Triangles};
 use onescan_core::naive;
+use onescan_core::render::LANES;
 use onescan_core::render::project::project;
 use onescan_core::render::rasterize::{Frame, frame_words, rasterize};
 use onescan_core::render::shade::{Shader, join};
-use onescan_core::render::{LANES, draw, draw_words};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 

@@ -6,8 +6,8 @@ use crate::mesh::Mesh;
 use crate::model::layout;
 use crate::photo::picture::Picture;
 use onescan_core::basis::{Basis, padded};
+use onescan_core::draw;
 use onescan_core::model::Model;
-use onescan_core::render;
 use onescan_core::rng::Rng;
 use onescan_core::scene::{Camera, Pose, Scene};
 
@@ -22,9 +22,9 @@ pub const GROUND: [u8; 3] = [255; 3];
 pub fn draw_over(model: &Model<'_>, scene: &Scene, background: &Picture) -> Result<Picture> {
     let [width, height] = scene.camera.image_size;
     let mut pixels = background.to_unit();
-    let words = render::draw_words(model.vertices(), width as usize, height as usize);
+    let words = draw::draw_words(model.vertices(), width as usize, height as usize);
     let mut memory = vec![0; words];
-    render::draw(model, scene, &mut memory, &mut pixels).ok_or_else(|| {
+    draw::draw(model, scene, &mut memory, &mut pixels).ok_or_else(|| {
         Error::new(format_args!(
             "the camera's picture is {width}×{height}, the background {}×{}",
             background.width, background.height

@@ -5,7 +5,7 @@ use onescan::demo::{random_light, template_model};
 use onescan_core::basis::padded;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use onescan_core::{mesh, naive, render};
+use onescan_core::{draw, mesh, naive};
 
 const SIDE: usize = 256;
 /// What no pixel away from silhouettes differs by.
@@ -27,8 +27,8 @@ fn pixels_are_the_naive_twins_except_on_silhouettes() {
         random_light(&mut scene, &mut rng);
 
         let mut fast = vec![[f32::NAN; 3]; SIDE * SIDE];
-        let mut memory = vec![0; render::draw_words(model.vertices(), SIDE, SIDE)];
-        render::draw(&model, &scene, &mut memory, &mut fast).unwrap();
+        let mut memory = vec![0; draw::draw_words(model.vertices(), SIDE, SIDE)];
+        draw::draw(&model, &scene, &mut memory, &mut fast).unwrap();
 
         let quads = || vec![[0.0; 4]; padded(model.vertices())];
         let (mut positions, mut normals, mut albedo) = (quads(), quads(), quads());

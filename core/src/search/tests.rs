@@ -6,6 +6,7 @@ use super::window::Window;
 use super::*;
 use crate::basis::{ByVertex, Costs, by_vertex_words, padded};
 use crate::chain::Config;
+use crate::draw;
 use crate::engine::Engine;
 use crate::image::Image;
 use crate::least_squares::system_words;
@@ -15,7 +16,6 @@ use crate::math;
 use crate::memory::Carver;
 use crate::mesh::vertex_normals;
 use crate::model::Model;
-use crate::render;
 use crate::render::rasterize::Hit;
 use crate::rng::Rng;
 use core::array::from_fn;
@@ -58,10 +58,9 @@ impl Case {
         truth.pose.yaw = 0.15;
         truth.pose.pitch = -0.1;
         truth.light[3][0] += 0.05;
-        let mut memory =
-            vec![0; render::draw_words(model.vertices(), SIDE as usize, SIDE as usize)];
+        let mut memory = vec![0; draw::draw_words(model.vertices(), SIDE as usize, SIDE as usize)];
         let mut colors = vec![[0.1, 0.35, 0.2]; (SIDE * SIDE) as usize];
-        render::draw(&model, &truth, &mut memory, &mut colors).unwrap();
+        draw::draw(&model, &truth, &mut memory, &mut colors).unwrap();
         let mut byte = |c: f32| (255.0 * c + rng.normal_sd(3.0)).clamp(0.0, 255.0) as u8;
         let pixels = colors.iter().map(|c| c.map(&mut byte)).collect();
         let mut positions = vec![[0.0; 4]; padded(model.vertices())];

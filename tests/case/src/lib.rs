@@ -11,6 +11,7 @@
 use core::fmt::{self, Write};
 use onescan_core::basis::padded;
 use onescan_core::chain::{Chain, Config, Dimensions, Problem, Quality};
+use onescan_core::draw::{draw, draw_words};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
@@ -18,8 +19,8 @@ use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::likelihood::pixels::{Coverage, Known, Surface, Target};
 use onescan_core::memory::Carver;
 use onescan_core::model::Model;
+use onescan_core::render::rasterize;
 use onescan_core::render::shade::{Shader, set_albedo, set_normals};
-use onescan_core::render::{draw, draw_words, rasterize};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 use onescan_core::search::{ModeSearch, Options, words_for};
