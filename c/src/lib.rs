@@ -12,10 +12,10 @@ use core::ffi::{CStr, c_char};
 use core::mem::{align_of, size_of};
 use core::{ptr, slice};
 use onescan_core::chain::{Chain, ChainError, Config, Dimensions, Problem, Schedule};
+use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, Observation};
 use onescan_core::model::{Model, ModelError};
-use onescan_core::draw::{draw, draw_words};
 use onescan_core::scene::{MAX_RANK, Scene};
 use onescan_core::search::{LEVELS, ModeSearch, Options, words_for};
 

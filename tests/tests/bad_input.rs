@@ -536,6 +536,13 @@ fn landmarks_that_mean_something_else() {
             FIT,
             "fall together",
         ),
+        case(
+            "on a line",
+            "bad.tlms",
+            changed(|name, x, _| (keep(name), x, 120.0)),
+            FIT,
+            "lie on a line",
+        ),
     ]);
 }
 

@@ -161,7 +161,7 @@ fn parameters(model: &Model<'_>, path: &Path) -> (Vec<f32>, Vec<f32>) {
         crop: Crop::around(&points, size, Crop::ENLARGE, 256).unwrap(),
         mask: None,
         schedule,
-        config: schedule.config(model),
+        config: schedule.config(model, Crop::LONGER_SIDE),
         seed: 0,
         chains: 1,
     };

@@ -152,7 +152,7 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize, schedule: Schedule
             crop: Crop::whole([photo.width, photo.height]),
             mask: None,
             schedule,
-            config: schedule.config(model).with(|config| {
+            config: schedule.config(model, Crop::LONGER_SIDE).with(|config| {
                 config.shape_rank = rank;
                 config.albedo_rank = rank;
             }),

@@ -8,10 +8,9 @@ use onescan::fit::{Job, Observed, Schedule, Searching};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
-use onescan::{render, report};
+use onescan::{fit, render, report};
 use onescan_core::chain::{Config, Problem};
 use onescan_core::engine::Engine;
-use onescan_core::scene::MAX_RANK;
 use onescan_core::search::{self, LEVELS, Options};
 use self_cell::{MutBorrow, self_cell};
 use serde::Deserialize;
@@ -22,27 +21,27 @@ use wasm_bindgen::prelude::*;
 #[derive(Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "camelCase")]
 struct Settings {
-    /// Standard deviation of a landmark, pixels of the picture the fit looks at.
-    landmark_sd: f32,
+    /// Standard deviation of a landmark, pixels of the picture the fit looks at; by default as the
+    /// size.
+    landmark_sd: Option<f32>,
     /// Shape coefficients to infer; all of the model's by default.
     shape_rank: Option<usize>,
     /// Albedo coefficients to infer; all of the model's by default.
     albedo_rank: Option<usize>,
     /// Side of the picture the fit looks at.
     size: u32,
-    /// Pixels that share one independent error.
-    pixel_patch: f32,
+    /// Pixels that share one independent error; by default as the picture's area.
+    pixel_patch: Option<f32>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        let config = Config::default();
         Self {
-            landmark_sd: config.landmark_sd,
+            landmark_sd: None,
             shape_rank: None,
             albedo_rank: None,
             size: Crop::LONGER_SIDE,
-            pixel_patch: config.pixel_patch,
+            pixel_patch: None,
         }
     }
 }
@@ -239,22 +238,20 @@ fn start(model: &Model, photo: &Photo, landmarks: &str, settings: &str) -> Resul
     let landmarks = Tlms::parse(landmarks)?;
     let names: Vec<_> = model.borrow_dependent().landmarks().map(|(name, _)| name).collect();
     landmarks.check(photo.width, photo.height, &names)?;
-    let points = landmarks.visible_points();
     if !(32..=2048).contains(&settings.size) {
         return Err(Error::new(format_args!("size is {}, expected 32 to 2048", settings.size)));
     }
     let size = [photo.width, photo.height];
-    let crop = Crop::around(&points, size, Crop::ENLARGE, settings.size)?;
-    let rank = |given: Option<usize>, all: usize| given.unwrap_or(all.min(MAX_RANK));
     let view = model.borrow_dependent();
-    let config = Config::default().with(|config| {
-        config.shape_rank = rank(settings.shape_rank, view.shape.rank());
-        config.albedo_rank = rank(settings.albedo_rank, view.albedo.rank());
-        config.landmark_sd = settings.landmark_sd;
-        config.pixel_patch = settings.pixel_patch;
-        // There are no steps of a chain.
-        (config.landmark_samples, config.shape_samples, config.samples) = (0, 0, 0);
+    let config = Schedule::Mode.config(view, settings.size).with(|config| {
+        config.shape_rank = settings.shape_rank.unwrap_or(config.shape_rank);
+        config.albedo_rank = settings.albedo_rank.unwrap_or(config.albedo_rank);
+        config.landmark_sd = settings.landmark_sd.unwrap_or(config.landmark_sd);
+        config.pixel_patch = settings.pixel_patch.unwrap_or(config.pixel_patch);
     });
+    let sd = config.landmark_sd;
+    fit::landmarks::check_sides(view, &landmarks, size, settings.size, sd)?;
+    let crop = fit::landmarks::crop_around(view, &landmarks, size, settings.size, sd)?;
     let memory = MutBorrow::new(Vec::new());
     let mut inputs = Inputs { model, photo, landmarks, crop, config, memory };
     let words = {

@@ -105,12 +105,19 @@ fn build() -> Outcome {
             copy(&root().join("fixtures/photos").join(name), &to)?;
         }
     }
-    program(&dist.join("js/wasm"))?;
-    // Checked, declared, and then without the comments, a tenth of what a visitor would load.
-    for configuration in ["tsconfig.json", "tsconfig.types.json", "tsconfig.page.json"] {
-        let compiler = wasm.join("node_modules/.bin/tsc");
-        sh(&mut command(compiler, ["--project", &format!("wasm/{configuration}")]))?;
+    let made = target().join("page/program");
+    program(&made)?;
+    for name in ["onescan_wasm.d.ts", "onescan_wasm_bg.wasm", "onescan_wasm_bg.wasm.d.ts"] {
+        copy(&made.join(name), &format!("js/wasm/{name}"))?;
     }
+    // Checked, declared, and then without the comments, a tenth of what a visitor would load.
+    let compiler = wasm.join("node_modules/.bin/tsc");
+    for configuration in ["tsconfig.json", "tsconfig.types.json", "tsconfig.page.json"] {
+        sh(&mut command(&compiler, ["--project", &format!("wasm/{configuration}")]))?;
+    }
+    let plain = ["--allowJs", "--removeComments", "--target", "es2022", "--module", "es2022"];
+    let (from, to) = (made.join("onescan_wasm.js"), dist.join("js/wasm"));
+    sh(command(&compiler, plain).arg(from).arg("--outDir").arg(to))?;
     fs::write(dist.join("face.3dmm.gz"), model()?).map_err(|e| fault(&dist, &e))?;
     println!("the page is in {}", dist.display());
     Ok(())

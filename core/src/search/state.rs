@@ -10,6 +10,7 @@ use crate::hash::Fnv64;
 use crate::least_squares::{matrix_words, system_words};
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::landmarks::{Landmarks, rows_words};
+use crate::math;
 use crate::memory::Carver;
 use crate::render::rasterize::{Frame, frame_words};
 use crate::scene::{Camera, MAX_RANK, Scene};
@@ -292,6 +293,22 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     /// Probability of every pixel to show the face, row by row; 0 where the face does not reach.
     pub fn mask(&self) -> &[f32] {
         self.planes.mask
+    }
+
+    /// Root mean square difference per channel between photo and rendering, `[0, 1]`, of the pixels
+    /// of the scene so far, each as much as it shows the face.
+    pub fn seen_rmse(&self) -> f64 {
+        let Planes { photo, rendering, mask, .. } = &self.planes;
+        let (mut sum, mut seen) = (0.0, 0.0);
+        for (photo, rendering) in photo.iter().zip(rendering) {
+            for ((p, r), m) in photo.iter().zip(&**rendering).zip(&**mask) {
+                if *m > 0.0 && !r.is_nan() {
+                    sum += f64::from(m * (p - r) * (p - r));
+                    seen += f64::from(*m);
+                }
+            }
+        }
+        math::sqrt_f64(sum / f64::max(seen, f64::MIN_POSITIVE))
     }
 
     /// Energy of the scene so far, at its level.

@@ -77,7 +77,7 @@ impl Demo {
                 )?,
                 mask: None,
                 schedule: Schedule::Mode,
-                config: Schedule::Mode.config(&model),
+                config: Schedule::Mode.config(&model, Crop::LONGER_SIDE),
                 seed: self.seed,
                 chains: 1,
             };

@@ -49,8 +49,9 @@ pub(super) struct Fit {
     /// Directory to write to.
     #[arg(short, long)]
     output: PathBuf,
-    /// What hides the face in the photo: a picture of the photo's size, PNG or JPEG, black where the
-    /// face cannot be seen (a hand, a microphone), white where it may. Hair and glasses need none.
+    /// What hides the face in the photo: a picture of the whole photo's size, PNG or JPEG, black where
+    /// the face cannot be seen (a hand, a microphone), white where it may; grey counts in part. Hair
+    /// and glasses need none. (The mask.png that fits write is of the cut-out, and no such picture.)
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
     /// How to fit.
@@ -59,21 +60,23 @@ pub(super) struct Fit {
     /// Seed of a chain's randomness; nothing in a search is random.
     #[arg(long, default_value_t = 7)]
     seed: u64,
-    /// How exact landmarks are: standard deviation, pixels of the picture the fit looks at.
-    #[arg(long, default_value_t = Config::default().landmark_sd, value_parser = deviation)]
-    landmark_sd: f32,
-    /// Shape coefficients to infer, the leading ones [default: all of the model; of a chain 50].
+    /// How exact landmarks are: standard deviation, pixels of the picture the fit looks at
+    /// [default: 4 at --size 256, at others in proportion].
+    #[arg(long, value_parser = deviation, allow_negative_numbers = true)]
+    landmark_sd: Option<f32>,
+    /// Shape coefficients to infer, the leading ones [default: all of the model, at most 200; of a chain 50].
     #[arg(long, value_parser = rank())]
     shape_rank: Option<u32>,
     /// Albedo coefficients to infer, likewise.
     #[arg(long, value_parser = rank())]
     albedo_rank: Option<u32>,
-    /// Side of the picture the fit looks at: the face is cut out and scaled to it.
+    /// Longer side of the picture the fit looks at: the face is cut out and scaled to it. Priors and
+    /// masks are made for about 256.
     #[arg(long, default_value_t = Crop::LONGER_SIDE, value_parser = clap::value_parser!(u32).range(32..=2048))]
     size: u32,
     /// Pixels that share one independent error; 1 trusts every pixel by itself, as the paper does
-    /// [default: 80; with --schedule paper 1].
-    #[arg(long, value_parser = at_least_one)]
+    /// [default: 80 at --size 256, at others as the picture's area; with --schedule paper 1].
+    #[arg(long, value_parser = at_least_one, allow_negative_numbers = true)]
     pixel_patch: Option<f32>,
     #[command(flatten)]
     chain: ChainOptions,
@@ -123,15 +126,15 @@ fn rank() -> clap::builder::RangedI64ValueParser<u32> {
 
 fn deviation(text: &str) -> std::result::Result<f32, String> {
     match text.parse::<f32>() {
-        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
-        _ => Err("expected a number above 0".into()),
+        Ok(x) if x >= 0.1 && x.is_finite() => Ok(x),
+        _ => Err("expected a finite number of at least 0.1".into()),
     }
 }
 
 fn at_least_one(text: &str) -> std::result::Result<f32, String> {
     match text.parse::<f32>() {
         Ok(x) if x >= 1.0 && x.is_finite() => Ok(x),
-        _ => Err("expected a number of at least 1".into()),
+        _ => Err("expected a finite number of at least 1".into()),
     }
 }
 
@@ -243,7 +246,7 @@ impl Fit {
     /// The part of the photo to look at. A chain, whose landmarks are all believed, looks around
     /// all.
     fn crop(&self, model: &Model<'_>, landmarks: &Tlms, photo: [u32; 2]) -> Result<Crop> {
-        let sd = self.landmark_sd;
+        let sd = self.config(model).landmark_sd;
         fit::landmarks::check_sides(model, landmarks, photo, self.size, sd)?;
         match self.schedule {
             Schedule::Mode => fit::landmarks::crop_around(model, landmarks, photo, self.size, sd),
@@ -258,13 +261,13 @@ impl Fit {
         let rank = |value: &mut usize, given: Option<u32>| {
             *value = given.map_or(*value, |rank| rank as usize);
         };
-        self.schedule.config(model).with(|config| {
+        self.schedule.config(model, self.size).with(|config| {
             rank(&mut config.shape_rank, self.shape_rank);
             rank(&mut config.albedo_rank, self.albedo_rank);
             set(&mut config.landmark_samples, self.chain.landmark_samples);
             set(&mut config.shape_samples, self.chain.shape_samples);
             set(&mut config.samples, self.chain.samples);
-            config.landmark_sd = self.landmark_sd;
+            config.landmark_sd = self.landmark_sd.unwrap_or(config.landmark_sd);
             config.pixel_patch = self.pixel_patch.unwrap_or(config.pixel_patch);
         })
     }

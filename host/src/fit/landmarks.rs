@@ -5,18 +5,19 @@ use super::{Fit, Job};
 use crate::error::{Error, Result};
 use crate::photo::Crop;
 use crate::photo::tlms::{MIN_VISIBLE, Tlms};
+use onescan_core::basis::Basis;
 use onescan_core::chain::{Config, Problem};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
-use onescan_core::scene::Scene;
+use onescan_core::scene::{MAX_RANK, Scene};
 use onescan_core::search::{self, ModeSearch, Options};
 
 /// A landmark farther from its fitted place than this many standard deviations is named.
 const FAR: f64 = 4.0;
 /// One farther than this from where all landmarks put the mean has no say in what is looked at,
-/// pixels of the crop: a quarter of what the landmarks of a face span in it.
-const ASTRAY: f64 = 30.0;
+/// as a part of the crop's longer side: a quarter of what the landmarks of a face span in it.
+const ASTRAY: f64 = 30.0 / 256.0;
 /// Energy of landmarks that the mean explains: most faces' have below 1, with a wrong one among a
 /// dozen below 3.
 const GOOD: f64 = 4.0;
@@ -171,11 +172,12 @@ pub fn crop_around(
     let crop = around(landmarks)?;
     let observed = in_crop(landmarks, &crop);
     let found = explain(model, &observations(&observed), &crop, sd)?.scene;
+    let astray = ASTRAY * f64::from(side);
     let near: Vec<&str> = observed
         .iter()
         .filter(|(name, at)| {
             let place = model.landmark(name).map(|v| model.shape.mean_at(v as usize));
-            place.is_some_and(|place| distance(&found, place, *at) < ASTRAY)
+            place.is_some_and(|place| distance(&found, place, *at) < astray)
         })
         .map(|(name, _)| &**name)
         .collect();
@@ -213,7 +215,7 @@ pub(super) fn compare(job: &Job<'_>, fit: &Fit, points: &[[f32; 3]]) -> Vec<Land
 }
 
 /// What speaks against a fit, as sentences.
-pub(super) fn warnings(fit: &Fit, landmarks: &[LandmarkFound]) -> Vec<String> {
+pub(super) fn warnings(job: &Job<'_>, fit: &Fit, landmarks: &[LandmarkFound]) -> Vec<String> {
     let far = landmarks.iter().filter(|l| l.far).map(|l| {
         let [x, y] = l.fitted;
         format!(
@@ -237,7 +239,21 @@ pub(super) fn warnings(fit: &Fit, landmarks: &[LandmarkFound]) -> Vec<String> {
             "the face covers only {pixels:.0} pixels of the photo; take a larger picture of it"
         ));
     }
+    let ranks = [&job.model.shape, &job.model.albedo].map(Basis::rank);
+    let wanted = [job.config.shape_rank, job.config.albedo_rank];
+    if ranks.iter().zip(wanted).any(|(rank, wanted)| *rank > MAX_RANK && wanted == MAX_RANK) {
+        all.push(format!(
+            "the model has {} + {} components; a fit infers the {MAX_RANK} leading ones of each",
+            ranks[0], ranks[1]
+        ));
+    }
     if let Some(mode) = &fit.mode {
+        if !mode.found.converged {
+            all.push(format!(
+                "the search did not come to rest in its {} steps; what it found may not be the best",
+                mode.found.iterations
+            ));
+        }
         let seen: f32 = mode.mask.iter().sum();
         let share = f64::from(seen) / covered.max(1) as f64;
         if share < ENOUGH_SEEN {

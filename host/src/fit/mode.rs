@@ -71,6 +71,7 @@ impl<'a, 'w> Searching<'a, 'w> {
                 })
                 .collect(),
             posterior: -search.energy().total(),
+            seen_rmse: search.seen_rmse(),
         };
         let scenes = [search.initial().clone(), search.scene().clone()];
         // A chain without steps says how well the scenes explain the picture.

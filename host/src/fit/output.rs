@@ -19,7 +19,10 @@ use onescan_core::model::Model;
 use onescan_core::scene::Scene;
 use std::fmt::{Display, Write as _};
 #[cfg(feature = "full")]
-use std::{io::Write as _, path::Path};
+use std::{
+    io::{ErrorKind, Write as _},
+    path::Path,
+};
 
 /// Longer side of the face's pictures, pixels.
 const SIDE: u32 = 512;
@@ -30,6 +33,9 @@ const SIDES: [f32; 2] = [-0.9, 0.9];
 const MARKED: Rgb = [255, 220, 60];
 const ASTRAY: Rgb = [255, 60, 50];
 const FITTED: Rgb = [70, 200, 255];
+
+/// Files that only a search writes.
+const MASKED: [&str; 2] = ["mask.png", "behind.png"];
 
 /// What the files are called; names only, without directories.
 pub struct Names {
@@ -118,7 +124,7 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
             best: fit.best_quality.pixel_rmse,
         },
         landmark_rmse_px: fit.best_quality.landmark_rmse,
-        warnings: landmarks::warnings(fit, &landmarks),
+        warnings: landmarks::warnings(job, fit, &landmarks),
         landmarks,
         proposals: fit
             .acceptance
@@ -145,9 +151,9 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
 /// The command that repeats the fit.
 fn command(job: &Job<'_>, names: &Names) -> String {
     let Names { model, image, landmarks, mask } = names;
-    let mut command =
-        format!("onescan fit {model} {image} --landmarks {landmarks} -o fit --seed {}", job.seed);
-    let (config, base) = (&job.config, job.schedule.config(job.model));
+    let mut command = format!("onescan fit {model} {image} --landmarks {landmarks} -o fit");
+    let size = job.crop.scaled_to[0].max(job.crop.scaled_to[1]);
+    let (config, base) = (&job.config, job.schedule.config(job.model, size));
     let mut add = |option: &str, value: &dyn Display, differs: bool| {
         if differs {
             // Writing to a string cannot fail.
@@ -157,6 +163,8 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     if let Some(mask) = mask {
         add("mask", mask, true);
     }
+    // Nothing in a search is random.
+    add("seed", &job.seed, job.schedule != Schedule::Mode);
     add("schedule", &job.schedule, job.schedule != Schedule::default());
     let (samples, landmark_samples) = (config.samples, config.landmark_samples);
     add("samples", &samples, samples != base.samples);
@@ -166,7 +174,6 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     add("shape-rank", &config.shape_rank, config.shape_rank != base.shape_rank);
     add("albedo-rank", &config.albedo_rank, config.albedo_rank != base.albedo_rank);
     add("chains", &job.chains, job.chains != 1);
-    let size = job.crop.scaled_to[0].max(job.crop.scaled_to[1]);
     add("size", &size, size != Crop::LONGER_SIDE);
     add("pixel-patch", &config.pixel_patch, config.pixel_patch != base.pixel_patch);
     command
@@ -291,8 +298,9 @@ pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
         ("landmarks.png", result.pictures.landmarks().to_png()?),
     ];
     if let (Some(masked), Some(behind)) = (&result.pictures.masked, result.pictures.behind()) {
-        files.push(("mask.png", masked.mask.to_png()?));
-        files.push(("behind.png", behind.to_png()?));
+        let [mask_name, behind_name] = MASKED;
+        files.push((mask_name, masked.mask.to_png()?));
+        files.push((behind_name, behind.to_png()?));
     }
     Ok(files)
 }
@@ -306,18 +314,28 @@ pub fn write(directory: &Path, result: &Finished) -> Result<()> {
     for (name, bytes) in files(result)? {
         write_atomically(&directory.join(name), |out| out.write_all(&bytes))?;
     }
+    if result.pictures.masked.is_none() {
+        // Of an earlier search into the same directory.
+        for name in MASKED {
+            match std::fs::remove_file(directory.join(name)) {
+                Err(e) if e.kind() != ErrorKind::NotFound => {
+                    return Err(Error::file(&directory.join(name), e));
+                }
+                _ => {}
+            }
+        }
+    }
     Ok(())
 }
 
 /// One line that says how the fit went.
 pub fn closing_line(summary: &Summary) -> String {
+    let error = match &summary.mode {
+        Some(mode) => format!("{:.4} where the face is seen", mode.seen_rmse),
+        None => format!("{:.4} -> {:.4}", summary.pixel_rmse.initial, summary.pixel_rmse.best),
+    };
     format!(
-        "{}: pixel error {:.4} -> {:.4}, landmarks {:.1} px, {:.0} steps/s, fingerprint {}",
-        summary.image.file,
-        summary.pixel_rmse.initial,
-        summary.pixel_rmse.best,
-        summary.landmark_rmse_px,
-        summary.steps_per_second,
-        summary.fingerprint
+        "{}: pixel error {error}, landmarks {:.1} px of the crop, {:.0} steps/s, fingerprint {}",
+        summary.image.file, summary.landmark_rmse_px, summary.steps_per_second, summary.fingerprint
     )
 }

@@ -80,10 +80,12 @@ impl Job<'_> {
             control.steps.fetch_add(1, Ordering::Relaxed);
         }
         if !searching.search.energy().total().is_finite() {
-            return Err(Error::new(
+            return Err(Error::new(if self.mask.is_some() {
                 "nothing of the face can be seen: the mask hides all of it; white is where it may \
-                 be seen, black where not",
-            ));
+                 be seen, black where not"
+            } else {
+                "nothing of the face can be seen where the landmarks put it; are they this photo's?"
+            }));
         }
         // It may have converged early.
         control.steps.store(most_steps(), Ordering::Relaxed);

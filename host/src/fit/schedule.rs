@@ -1,5 +1,6 @@
 //! The ways to fit, and the settings that go with each.
 
+use crate::photo::Crop;
 use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::scene::MAX_RANK;
@@ -19,10 +20,16 @@ pub enum Schedule {
 }
 
 impl Schedule {
-    /// Its settings for a model. A search takes all components (of each half at most
+    /// Its settings for a model and a picture whose longer side is `side`. Errors are those of
+    /// [`Crop::LONGER_SIDE`] in proportion: a larger picture of the same says no more. A search takes all components (of each half at most
     /// [`MAX_RANK`]) and makes no steps of a chain; a chain takes the paper's numbers.
-    pub fn config(self, model: &Model<'_>) -> Config {
-        Config::default().with(|config| match self {
+    pub fn config(self, model: &Model<'_>, side: u32) -> Config {
+        let scale = side as f32 / Crop::LONGER_SIDE as f32;
+        let scaled = Config::default().with(|config| {
+            config.landmark_sd *= scale;
+            config.pixel_patch = (config.pixel_patch * scale * scale).max(1.0);
+        });
+        scaled.with(|config| match self {
             Self::Mode => {
                 config.shape_rank = model.shape.rank().min(MAX_RANK);
                 config.albedo_rank = model.albedo.rank().min(MAX_RANK);

@@ -77,6 +77,9 @@ pub struct ModeFound {
     pub levels: Vec<u32>,
     /// Log posterior density, up to a constant.
     pub posterior: f64,
+    /// Root mean square colour difference in `[0, 1]` where the face is seen.
+    #[serde(default)]
+    pub seen_rmse: f64,
 }
 
 /// A landmark, where it was marked and where the fit has it.
@@ -88,7 +91,7 @@ pub struct LandmarkFound {
     pub marked: [f64; 2],
     /// Where the fitted model has it, pixels of the photo.
     pub fitted: [f64; 2],
-    /// How far these are apart, pixels of the crop.
+    /// How far these are apart, pixels of the crop (`image.crop.scaled_to`).
     pub distance_px: f64,
     /// Whether that is too far to believe the mark.
     pub far: bool,
@@ -126,7 +129,8 @@ pub struct Summary {
     pub steps_per_second: f64,
     /// Log likelihood of the picture.
     pub log_likelihood: BeforeAfter,
-    /// Root mean square colour difference in `[0, 1]` over the pixels the model covers.
+    /// Root mean square colour difference in `[0, 1]` over the pixels the model covers, hidden ones
+    /// included.
     pub pixel_rmse: BeforeAfter,
     /// Root mean square distance of the landmarks, pixels of the crop.
     pub landmark_rmse_px: f64,

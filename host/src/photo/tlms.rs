@@ -11,6 +11,8 @@ use std::path::Path;
 pub const MIN_VISIBLE: usize = 4;
 /// Landmarks within a box of this side, pixels, are one point.
 const TOGETHER: f32 = 2.0;
+/// Landmarks less wide than this part of how long they spread are on a line.
+const ON_A_LINE: f64 = 0.01;
 
 /// A named point in a picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -169,7 +171,27 @@ impl Tlms {
                  own point"
             )));
         }
+        if visible > MIN_VISIBLE && self.flatness() < ON_A_LINE {
+            return Err(Error::new(format_args!(
+                "all {visible} landmarks lie on a line; each has an x and a y of its own"
+            )));
+        }
         Ok(())
+    }
+
+    /// How wide the visible landmarks spread across their longest direction, as a part of how far
+    /// along it.
+    fn flatness(&self) -> f64 {
+        let points = self.visible_points();
+        let count = points.len().max(1) as f64;
+        let mean: [f64; 2] =
+            std::array::from_fn(|i| points.iter().map(|p| p[i]).sum::<f64>() / count);
+        let moment = |i: usize, j: usize| -> f64 {
+            points.iter().map(|p| (p[i] - mean[i]) * (p[j] - mean[j])).sum()
+        };
+        let (xx, xy, yy) = (moment(0, 0), moment(0, 1), moment(1, 1));
+        let (half, apart) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        ((half - apart).max(0.0) / (half + apart).max(f64::MIN_POSITIVE)).sqrt()
     }
 }
 

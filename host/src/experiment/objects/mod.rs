@@ -48,7 +48,7 @@ const ANIMALS: u32 = 0xa1;
 /// How such fits are made (FACTS §6.1, §6.6): landmarks to 2 pixels, and, by a chain, between pose
 /// and picture a stage that lets the shape follow them.
 pub fn config(schedule: Schedule, model: &Model<'_>) -> Config {
-    schedule.config(model).with(|config| {
+    schedule.config(model, SIDE).with(|config| {
         config.landmark_sd = 2.0;
         if schedule != Schedule::Mode {
             config.shape_samples = 5000;
