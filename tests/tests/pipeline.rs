@@ -245,6 +245,21 @@ fn a_larger_picture_gives_the_same_face() {
     assert!(cosine > 0.8, "{cosine}: {small:?} {large:?}");
 }
 
+#[test]
+fn a_wall_is_no_face() {
+    let place = tempdir().unwrap();
+    let mut marks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
+    for l in &mut marks.landmarks {
+        // Of the photo at a third of its size: beside the face.
+        (l.x, l.y) = (l.x / 3.0, l.y / 3.0);
+    }
+    fs::write(place.path().join("third.tlms"), marks.to_text()).unwrap();
+    let line = "fit @golden/small.3dmm @photos/astronaut.png --landmarks third.tlms -o wall";
+    Onescan::new(place.path(), line).succeed();
+    let warnings = json(&place.path().join("wall/fit.json"))["warnings"].to_string();
+    assert!(warnings.contains("nearly plain"), "{warnings}");
+}
+
 /// A chain has no mask, and leaves none of a search before it.
 #[test]
 fn pictures_of_an_earlier_fit_are_not_left() {

@@ -26,6 +26,8 @@ const AWAY: f32 = 60.0;
 /// Pixels of the photo that a face needs, and the share of them that nothing hides.
 const ENOUGH_PIXELS: f64 = 900.0;
 const ENOUGH_SEEN: f64 = 0.3;
+/// Standard deviation of the brightness that a face has at least, `[0, 1]`; a wall has less.
+const ENOUGH_CONTRAST: f64 = 0.04;
 
 /// How the mean of a model, in its best pose, explains landmarks.
 #[derive(Clone, Debug)]
@@ -254,6 +256,13 @@ pub(super) fn warnings(job: &Job<'_>, fit: &Fit, landmarks: &[LandmarkFound]) ->
                 mode.found.iterations
             ));
         }
+        if contrast(job, fit, &mode.mask).is_some_and(|contrast| contrast < ENOUGH_CONTRAST) {
+            all.push(
+                "the photo is nearly plain where the landmarks put the face; are they of this \
+                 photo, in its pixels?"
+                    .into(),
+            );
+        }
         let seen: f32 = mode.mask.iter().sum();
         let share = f64::from(seen) / covered.max(1) as f64;
         if share < ENOUGH_SEEN {
@@ -265,4 +274,16 @@ pub(super) fn warnings(job: &Job<'_>, fit: &Fit, landmarks: &[LandmarkFound]) ->
         }
     }
     all
+}
+
+/// Standard deviation of the photo's brightness where the face is seen; `None` if nowhere.
+fn contrast(job: &Job<'_>, fit: &Fit, mask: &[f32]) -> Option<f64> {
+    let picture = fit.crop.cut(job.photo).ok()?;
+    let (mut sum, mut squares, mut seen) = (0.0, 0.0, 0.0);
+    for (pixel, &m) in picture.rgb.iter().zip(mask) {
+        let grey = pixel.iter().map(|&c| f64::from(c)).sum::<f64>() / (3.0 * 255.0);
+        let m = f64::from(m);
+        (sum, squares, seen) = (sum + m * grey, squares + m * grey * grey, seen + m);
+    }
+    (seen > 0.0).then(|| (squares / seen - (sum / seen) * (sum / seen)).max(0.0).sqrt())
 }
