@@ -24,7 +24,7 @@ pub(crate) const fn system_words(n: usize) -> usize {
 }
 
 /// Groups of lanes of a row of `n` numbers, at least one.
-const fn stride(n: usize) -> usize {
+pub(crate) const fn stride(n: usize) -> usize {
     let groups = n.div_ceil(LANES);
     if groups > 0 { groups } else { 1 }
 }
@@ -154,6 +154,64 @@ pub fn add_normal_equations<const ROWS: usize>(
     add_products::<ROWS>(batch, equations, 0, matrix, stride);
 }
 
+/// What equations are added to: `½ w (row · δ − residual)²` each.
+pub(crate) trait Equations {
+    /// Adds a quadratic penalty `½ w (x + δ_i)²` on one unknown.
+    fn pull(&mut self, i: usize, weight: f32, x: f32);
+
+    /// A row to fill, as long as there are unknowns.
+    fn row(&mut self) -> &mut [f32];
+
+    /// Adds the equation of that row.
+    fn add_own(&mut self, weight: f32, residual: f32);
+}
+
+impl Equations for System<'_> {
+    fn pull(&mut self, i: usize, weight: f32, x: f32) {
+        let diagonal = i * LANES * stride(self.n) + i;
+        let a = self.a.as_flattened_mut().get_mut(diagonal);
+        if let (Some(a), Some(b)) = (a, self.b.get_mut(i)) {
+            *a += weight;
+            *b -= weight * x;
+        }
+    }
+
+    fn row(&mut self) -> &mut [f32] {
+        let [row, _] = &mut self.rows;
+        row
+    }
+
+    fn add_own(&mut self, weight: f32, residual: f32) {
+        self.add(0, weight, residual);
+    }
+}
+
+/// The right side alone: minus the gradient of what the equations cost, at `δ = 0`.
+pub(crate) struct Slope<'s> {
+    /// The row to fill.
+    pub(crate) row: &'s mut [f32],
+    /// What is added to.
+    pub(crate) gradient: &'s mut [f32],
+}
+
+impl Equations for Slope<'_> {
+    fn pull(&mut self, i: usize, weight: f32, x: f32) {
+        if let Some(g) = self.gradient.get_mut(i) {
+            *g -= weight * x;
+        }
+    }
+
+    fn row(&mut self) -> &mut [f32] {
+        self.row
+    }
+
+    fn add_own(&mut self, weight: f32, residual: f32) {
+        for (g, r) in self.gradient.iter_mut().zip(&*self.row) {
+            *g += weight * residual * r;
+        }
+    }
+}
+
 impl<'s> System<'s> {
     /// An empty system of `n` unknowns; `None` if the memory is shorter than [`system_words`].
     pub(crate) fn new(
@@ -177,16 +235,6 @@ impl<'s> System<'s> {
             rows: [first, second],
             normal_equations,
         })
-    }
-
-    /// Adds a quadratic penalty `½ w (x + δ_i)²` on one unknown.
-    pub(crate) fn pull(&mut self, i: usize, weight: f32, x: f32) {
-        let diagonal = i * LANES * stride(self.n) + i;
-        let a = self.a.as_flattened_mut().get_mut(diagonal);
-        if let (Some(a), Some(b)) = (a, self.b.get_mut(i)) {
-            *a += weight;
-            *b -= weight * x;
-        }
     }
 
     /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.

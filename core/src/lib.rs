@@ -49,6 +49,7 @@ pub mod mesh;
 pub mod metropolis;
 pub mod model;
 pub mod naive;
+pub mod posterior;
 pub mod proposal;
 pub mod render;
 pub mod rng;

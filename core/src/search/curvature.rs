@@ -23,10 +23,11 @@ impl ModeSearch<'_, '_> {
         &mut self,
         shading: &Shading,
         covered: usize,
+        samples: usize,
         system: &mut System<'_>,
     ) {
         let width = self.problem.image.width as usize;
-        let stride = (covered as f64 / self.level().samples as f64).max(1.0);
+        let stride = (covered as f64 / samples as f64).max(1.0);
         let turn = GOLDEN * f64::from(self.iterations);
         let mut next = (turn - f64::from(turn as u32)) * stride;
         let weight = self.pixel_weight() * stride as f32;

@@ -1,12 +1,24 @@
 //! The image term's gradient: what it costs to change anything that colours are made of.
 
-use super::shading::{Point, Shading};
+use super::shading::{Adjoint, Point, Shading};
 use super::state::{Costs, ModeSearch};
 use super::surface::at;
 use super::unknowns::{COLOR, POSE};
 use super::vector::{Vec3, apply, cross, dot, scale, sub, xyz};
 use super::window::Window;
 use crate::render::rasterize::Hit;
+
+/// What it costs to change what a pixel shows.
+pub(super) struct Pixel {
+    /// The visible triangle's corners, and their weights.
+    pub(super) corners: [usize; 3],
+    /// See [`Point::weights`].
+    pub(super) weights: Vec3,
+    /// Minus the derivatives by normal, albedo, light and colour transform.
+    pub(super) adjoint: Adjoint,
+    /// Minus the derivative by the place of the surface in the window.
+    pub(super) by_place: [f32; 2],
+}
 
 impl ModeSearch<'_, '_> {
     /// What a visible pixel of the current scene shows.
@@ -64,28 +76,45 @@ impl ModeSearch<'_, '_> {
     /// Adds `−∂E/∂x` of the image term to the gradient.
     #[inline(never)]
     pub(super) fn add_gradient(&mut self, shading: &Shading) {
-        self.in_passing(|search, memory| search.add_gradient_in(memory, shading));
+        let (unit, width) = (self.pixel_weight(), self.problem.image.width as usize);
+        self.add_gradient_of(|search, [x, y], hit| {
+            let index = y * width + x;
+            let weight = at(search.planes.weights, index) * unit;
+            if weight < 1e-3 * unit {
+                return None;
+            }
+            let (corners, point) = search.point(shading, hit)?;
+            let difference = sub(search.photo(index), point.color);
+            let adjoint = shading.adjoint(&point, scale(difference, weight));
+            let by_place = search.differences(x, y).map(|d| -weight * dot(difference, d));
+            Some(Pixel { corners, weights: point.weights, adjoint, by_place })
+        });
     }
 
-    fn add_gradient_in(&mut self, memory: &mut [f32], shading: &Shading) {
+    /// Adds what pixels cost, of which `of` tells.
+    #[inline(always)]
+    pub(super) fn add_gradient_of(
+        &mut self,
+        of: impl Fn(&Self, [usize; 2], &Hit) -> Option<Pixel>,
+    ) {
+        self.in_passing(|search, memory| search.add_gradient_in(memory, of));
+    }
+
+    #[inline(always)]
+    fn add_gradient_in(
+        &mut self,
+        memory: &mut [f32],
+        of: impl Fn(&Self, [usize; 2], &Hit) -> Option<Pixel>,
+    ) {
         let Some(costs) = Costs::new(self.problem.model.vertices(), memory) else { return };
-        let width = self.problem.image.width as usize;
-        let unit = self.pixel_weight();
         let mut light = [[0.0_f64; 3]; 9];
         let mut color = [0.0_f64; COLOR];
         for y in self.frame.rows() {
             for x in self.frame.columns() {
-                let index = y * width + x;
-                let weight = at(self.planes.weights, index) * unit;
-                if weight < 1e-3 * unit {
-                    continue;
-                }
                 let Some(hit) = self.frame.hit(x, y) else { continue };
-                let Some((corners, point)) = self.point(shading, &hit) else { continue };
-                let difference = sub(self.photo(index), point.color);
-                let adjoint = shading.adjoint(&point, scale(difference, weight));
-                let motion = self.differences(x, y).map(|d| -weight * dot(difference, d));
-                for (vertex, w) in corners.into_iter().zip(point.weights) {
+                let Some(pixel) = of(self, [x, y], &hit) else { continue };
+                let Pixel { corners, weights, adjoint, by_place } = pixel;
+                for (vertex, w) in corners.into_iter().zip(weights) {
                     let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {
                         if let Some(to) = to {
                             *to = [to[0] + w * x, to[1] + w * y, to[2] + w * z, 0.0];
@@ -93,7 +122,7 @@ impl ModeSearch<'_, '_> {
                     };
                     put(costs.normals.get_mut(vertex), adjoint.normal);
                     put(costs.albedo.get_mut(vertex), adjoint.albedo);
-                    put(costs.positions.get_mut(vertex), [motion[0], motion[1], 0.0]);
+                    put(costs.positions.get_mut(vertex), [by_place[0], by_place[1], 0.0]);
                 }
                 for (sum, y) in light.iter_mut().zip(adjoint.harmonics) {
                     for (sum, r) in sum.iter_mut().zip(adjoint.radiance) {

@@ -42,7 +42,7 @@ const HOPELESS: f32 = 12.0;
 /// `ℓ` from which on that makes no difference.
 const CERTAIN: f32 = 6.0;
 /// Cosine of the angle to the line of sight from which on a surface has its full say.
-const FACING: f32 = 0.3;
+pub(super) const FACING: f32 = 0.3;
 
 impl ModeSearch<'_, '_> {
     /// The background is what the picture holds outside of where the landmarks put the face.
@@ -162,7 +162,7 @@ impl ModeSearch<'_, '_> {
     }
 
     /// Prior probability that the surface is hidden at a pixel.
-    fn hidden(&self, hit: &Hit) -> f32 {
+    pub(super) fn hidden(&self, hit: &Hit) -> f32 {
         let Some(corners) = self.problem.model.triangles.get(hit.triangle) else { return 0.5 };
         let [a, b, c] = corners.map(|v| f32::from(at(self.hidden, v as usize)));
         let [second, third] = hit.weights;
@@ -210,7 +210,7 @@ impl ModeSearch<'_, '_> {
 }
 
 /// `ln(exp ℓ + exp −HOPELESS)` and the first summand's share.
-fn bounded(ratio: f32) -> (f32, f32) {
+pub(super) fn bounded(ratio: f32) -> (f32, f32) {
     let small = math::exp_f32(-(ratio + HOPELESS).abs());
     let (face, anything) = if ratio > -HOPELESS { (1.0, small) } else { (small, 1.0) };
     (ratio.max(-HOPELESS) + math::ln_f32(face + anything), face / (face + anything))

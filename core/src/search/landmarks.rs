@@ -7,7 +7,7 @@
 use super::unknowns::POSE;
 use super::vector::dot;
 use super::window::Window;
-use crate::least_squares::System;
+use crate::least_squares::Equations;
 use crate::likelihood::landmarks::{Landmarks, Points};
 use crate::math;
 use crate::model::Model;
@@ -36,7 +36,7 @@ pub(super) fn add_equations(
     scene: &Scene,
     sd: f32,
     components: &mut [[f32; 3]],
-    system: &mut System<'_>,
+    system: &mut impl Equations,
 ) {
     let view = Window::new(scene);
     let points = landmarks.points(&scene.shape);
@@ -50,7 +50,7 @@ pub(super) fn add_equations(
             let mut cost = [0.0; 2];
             cost[axis] = 1.0;
             let (moved, pose) = view.adjoint(sample.point, cost);
-            let row = &mut system.rows[0];
+            let row = system.row();
             row.fill(0.0);
             for (out, p) in row.iter_mut().zip(pose) {
                 *out = p;
@@ -58,7 +58,7 @@ pub(super) fn add_equations(
             for (out, b) in row.get_mut(POSE..).unwrap_or_default().iter_mut().zip(&*components) {
                 *out = dot(moved, *b);
             }
-            system.add(0, weight, residual);
+            system.add_own(weight, residual);
         }
     }
 }

@@ -19,6 +19,7 @@
 
 mod curvature;
 mod gradient;
+mod held;
 mod image_term;
 mod landmarks;
 mod occlusion;
@@ -35,6 +36,7 @@ use crate::chain::{ChainError, Problem};
 use crate::least_squares::{System, system_words};
 use crate::scene::Scene;
 use core::f32::consts::{FRAC_PI_2, PI};
+pub(crate) use held::Held;
 use shading::Shading;
 pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words, words_for};
 use surface::at;
@@ -193,9 +195,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         if self.done() {
             return None;
         }
-        if !self.judged {
-            self.judge();
-        }
+        self.make_judged();
         let before = self.energy;
         let (covered, visible) = self.seen;
         let shading = Shading::new(&self.scene);
@@ -224,6 +224,13 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             self.enter(level + 1);
         }
         Some(Iteration { level, before, after, damping: self.damping, covered, visible })
+    }
+
+    /// Renders the scene and compares it with the photo, unless that has been done.
+    fn make_judged(&mut self) {
+        if !self.judged {
+            self.judge();
+        }
     }
 
     /// Renders the scene and compares it with the photo.
@@ -270,16 +277,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         let n = self.layout.len();
         let (equations, matrix) = memory.split_at_mut_checked(system_words(n))?;
         let mut system = System::new(n, self.problem.engine.normal_equations, equations)?;
-        self.add_curvature(shading, covered, &mut system);
-        landmarks::add_equations(
-            self.problem.model,
-            &self.landmarks,
-            &self.scene,
-            self.problem.config.landmark_sd,
-            self.components.get_mut(..self.layout.shape_rank)?,
-            &mut system,
-        );
-        self.priors().add(&self.scene, self.layout, &mut system);
+        self.add_equations(shading, covered, self.level().samples, &mut system)?;
         system.push(self.gradient);
         let light = self.layout.light()..self.layout.color();
         let damping = |i: usize| {
@@ -303,6 +301,45 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             self.damping = (5.0 * self.damping).min(1e6);
         }
         None
+    }
+}
+
+impl ModeSearch<'_, '_> {
+    /// Adds the Gauss–Newton matrix of so many pixels, and what landmarks and priors say.
+    fn add_equations(
+        &mut self,
+        shading: &Shading,
+        covered: usize,
+        samples: usize,
+        system: &mut System<'_>,
+    ) -> Option<()> {
+        self.add_curvature(shading, covered, samples, system);
+        landmarks::add_equations(
+            self.problem.model,
+            &self.landmarks,
+            &self.scene,
+            self.problem.config.landmark_sd,
+            self.components.get_mut(..self.layout.shape_rank)?,
+            system,
+        );
+        self.priors().add(&self.scene, self.layout, system);
+        Some(())
+    }
+
+    /// Factorises the Gauss–Newton matrix of the scene as it is by Cholesky's method, from so many
+    /// pixels, into [`matrix_words`](crate::least_squares::matrix_words) of memory; `None` if there
+    /// is too little.
+    pub(crate) fn factorise(&mut self, samples: usize, factor: &mut [f32]) -> Option<()> {
+        self.make_judged();
+        let (shading, covered) = (Shading::new(&self.scene), self.seen.0);
+        self.in_passing(|search, memory| {
+            let n = search.layout.len();
+            let equations = memory.get_mut(..system_words(n))?;
+            let mut system = System::new(n, search.problem.engine.normal_equations, equations)?;
+            search.add_equations(&shading, covered, samples, &mut system)?;
+            // So little that it is lost but where nothing is known.
+            system.solve_damped(1e-6, |_| 1e-6, factor, search.step)
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! What is known of pose, camera, light and colours before the picture is seen.
 
 use super::unknowns::{LIGHT, Layout};
-use crate::least_squares::System;
+use crate::least_squares::Equations;
 use crate::light::{self, Light, SCALE};
 use crate::likelihood::prior::Prior;
 use crate::math;
@@ -127,10 +127,10 @@ impl Priors<'_> {
     }
 
     /// Adds the priors' equations.
-    pub(super) fn add(&self, scene: &Scene, layout: Layout, system: &mut System<'_>) {
+    pub(super) fn add<E: Equations>(&self, scene: &Scene, layout: Layout, system: &mut E) {
         let Self { prior, widths, .. } = self;
         let mut at = 0;
-        let mut pull = |system: &mut System<'_>, precision: f32, x: f32| {
+        let mut pull = |system: &mut E, precision: f32, x: f32| {
             system.pull(at, precision, x);
             at += 1;
         };
@@ -204,13 +204,13 @@ fn mean([r, g, b]: [f32; 3]) -> f32 {
 }
 
 /// Adds `½ w (x + Σ kᵢ δᵢ)²`.
-fn couple(system: &mut System<'_>, terms: &[(usize, f32)], weight: f32, x: f32) {
-    let row = &mut system.rows[0];
+fn couple(system: &mut impl Equations, terms: &[(usize, f32)], weight: f32, x: f32) {
+    let row = system.row();
     row.fill(0.0);
     for &(at, k) in terms {
         if let Some(entry) = row.get_mut(at) {
             *entry = k;
         }
     }
-    system.add(0, weight, -x);
+    system.add_own(weight, -x);
 }

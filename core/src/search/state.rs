@@ -295,6 +295,16 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.planes.mask
     }
 
+    /// What is fitted to what.
+    pub(crate) fn problem(&self) -> Problem<'a> {
+        self.problem
+    }
+
+    /// The unknowns that are sought.
+    pub(crate) fn layout(&self) -> Layout {
+        self.layout
+    }
+
     /// Root mean square difference per channel between photo and rendering, `[0, 1]`, of the pixels
     /// of the scene so far, each as much as it shows the face.
     pub fn seen_rmse(&self) -> f64 {

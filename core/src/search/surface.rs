@@ -9,7 +9,7 @@ use crate::basis::padded;
 use crate::engine::{Engine, Quad};
 use crate::math;
 use crate::memory::Carver;
-use crate::model::Model;
+use crate::model::{Model, Triangles};
 use crate::scene::Scene;
 
 /// Words of memory a [`Surface`] needs.
@@ -103,6 +103,14 @@ impl<'w> Surface<'w> {
             let [x, y, z] = scale(sum, inverse);
             *normal = [x, y, z, inverse];
         }
+    }
+
+    /// How many faces an edge has.
+    pub(super) fn faces_of(&self, triangles: Triangles<'_>, [from, to]: [usize; 2]) -> usize {
+        let range = at(self.starts, from) as usize..at(self.starts, from + 1) as usize;
+        let around = self.around.get(range).unwrap_or_default().iter();
+        let faces = around.filter_map(|&face| triangles.get(face as usize));
+        faces.filter(|corners| corners.iter().any(|&v| v as usize == to)).count()
     }
 
     /// Passes what a vertex's normal costs several functions back to the positions around it: calls

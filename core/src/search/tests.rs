@@ -93,6 +93,15 @@ impl Case {
         lean: bool,
         f: impl FnOnce(&mut ModeSearch<'_, '_>) -> T,
     ) -> T {
+        self.give(options, lean, |mut search| f(&mut search))
+    }
+
+    fn give<T>(
+        &self,
+        options: Options<'_>,
+        lean: bool,
+        f: impl FnOnce(ModeSearch<'_, '_>) -> T,
+    ) -> T {
         let model = model(&self.bytes);
         let observations: Vec<Observation<'_>> =
             self.landmarks.iter().map(|&(name, position)| Observation { name, position }).collect();
@@ -101,7 +110,7 @@ impl Case {
             .with_engine(Engine::PORTABLE)
             .with_lean(lean);
         let mut memory = vec![0; words(&problem)];
-        f(&mut ModeSearch::new(problem, options, &mut memory).unwrap())
+        f(ModeSearch::new(problem, options, &mut memory).unwrap())
     }
 }
 
@@ -649,4 +658,71 @@ fn scarce_memory_changes_no_bits() {
         })
     });
     assert_eq!(rich, lean);
+}
+
+/// Of a step in every direction at once, as far as the posterior reaches. What parts of the surface
+/// hide from each other makes the difference.
+#[test]
+fn a_held_masks_force_is_the_slope_of_its_energy() {
+    let case = Case::new(4);
+    case.give(Options::default(), false, |mut search| {
+        while search.step().is_some() {}
+        let layout = search.layout;
+        let n = layout.len();
+        let mut factor = vec![0.0; crate::least_squares::matrix_words(n)];
+        search.factorise(2000, &mut factor).unwrap();
+        let metric = crate::posterior::Metric::new(n, factor.as_chunks().0).unwrap();
+        let mode = search.scene.clone();
+        let mut held = Held::new(search);
+        let mut rng = Rng::new(6, 0);
+        let mut found = Vec::new();
+        for _ in 0..30 {
+            let mut normal = || -> Vec<f32> {
+                let mut z: Vec<f32> = (0..n).map(|_| rng.normal_sd(1.0)).collect();
+                metric.solve(&mut z);
+                z
+            };
+            let (mut place, direction) = (normal(), normal());
+            let mut scene = mode.clone();
+            advance(&mut scene, &layout.split(&mut place).unwrap());
+            let mut at = |h: f32| {
+                let mut step: Vec<f32> = direction.iter().map(|d| h * d).collect();
+                let mut scene = scene.clone();
+                advance(&mut scene, &layout.split(&mut step).unwrap());
+                held.energy(&scene).unwrap()
+            };
+            let slope = (at(-0.05) - at(0.05)) / 0.1;
+            held.energy(&scene).unwrap();
+            let along = held.force().iter().zip(&direction).map(|(f, d)| f64::from(f * d)).sum();
+            found.push((slope, along));
+        }
+        let rms = |f: &dyn Fn(&(f64, f64)) -> f64| -> f64 {
+            (found.iter().map(|x| f(x).powi(2)).sum::<f64>() / found.len() as f64).sqrt()
+        };
+        let (size, off) = (rms(&|x| x.0), rms(&|x| x.0 - x.1));
+        assert!(off < 0.15 * size, "{off} of {size}: {found:?}");
+    });
+}
+
+#[test]
+fn a_sampler_moves_and_repeats_itself() {
+    let case = Case::new(4);
+    let run = |seed: u64, stream: u32| {
+        case.give(Options::default(), false, |mut search| {
+            while search.step().is_some() {}
+            let mut memory = vec![0; crate::posterior::words(&search.problem)];
+            let mut sampler =
+                crate::posterior::Sampler::new(search, 30, seed, stream, &mut memory).unwrap();
+            for _ in 0..60 {
+                sampler.step();
+            }
+            assert!(sampler.warm() && sampler.scene().is_some());
+            let (steps, accepted, _) = sampler.tally();
+            assert!(8 * accepted > steps, "{accepted} of {steps}");
+            sampler.fingerprint()
+        })
+    };
+    assert_eq!(run(1, 0), run(1, 0));
+    assert_ne!(run(1, 0), run(1, 1));
+    assert_ne!(run(1, 0), run(2, 0));
 }

@@ -1,0 +1,131 @@
+//! The metric of the mode: the Gauss–Newton matrix there, factorised.
+//!
+//! `A = UᵀU` of all unknowns is the precision of the posterior's Gaussian approximation at its mode
+//! (Laplace's), by which proposals are shaped: `u = U⁻¹ z` of independent normal `z` is a draw of it.
+
+use crate::least_squares::{Group, stride};
+
+/// The upper triangular factor `U`, rows of groups of lanes.
+pub struct Metric<'m> {
+    n: usize,
+    factor: &'m [Group],
+}
+
+impl<'m> Metric<'m> {
+    /// A factor of `n` unknowns, as Cholesky's method leaves it; `None` if it is shorter.
+    pub(crate) fn new(n: usize, factor: &'m [Group]) -> Option<Self> {
+        Some(Self { n, factor: factor.get(..n * stride(n))? })
+    }
+
+    fn row(&self, i: usize) -> &[f32] {
+        let stride = stride(self.n);
+        let row = self.factor.get(i * stride..(i + 1) * stride).unwrap_or_default();
+        row.as_flattened().get(i..self.n).unwrap_or_default()
+    }
+
+    /// Solves `U x = z`, in place.
+    pub fn solve(&self, z: &mut [f32]) {
+        for i in (0..self.n).rev() {
+            let Some((pivot, row)) = self.row(i).split_first() else { return };
+            let Some((x, solved)) = z.get_mut(i..).and_then(<[f32]>::split_first_mut) else {
+                return;
+            };
+            *x = (*x - dot(row, solved)) / pivot;
+        }
+    }
+
+    /// Solves `Uᵀ x = z`, in place.
+    pub fn solve_transposed(&self, z: &mut [f32]) {
+        for i in 0..self.n {
+            let Some((pivot, row)) = self.row(i).split_first() else { return };
+            let Some((x, rest)) = z.get_mut(i..).and_then(<[f32]>::split_first_mut) else { return };
+            *x /= pivot;
+            for (z, u) in rest.iter_mut().zip(row) {
+                *z -= *x * u;
+            }
+        }
+    }
+
+    /// Variances of the unknowns: the diagonal of `A⁻¹`. `scratch` is as long as they are.
+    pub fn variances(&self, scratch: &mut [f32], variances: &mut [f32]) {
+        variances.fill(0.0);
+        for k in 0..self.n {
+            // Column k of U⁻¹, nothing below its k-th entry.
+            scratch.fill(0.0);
+            let Some(one) = scratch.get_mut(k) else { return };
+            *one = 1.0;
+            self.solve(scratch);
+            for (variance, x) in variances.iter_mut().zip(&*scratch) {
+                *variance += x * x;
+            }
+        }
+    }
+}
+
+/// Sum of products, sixteen lanes side by side.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let (a, a_rest) = a.as_chunks::<16>();
+    let (b, b_rest) = b.as_chunks::<16>();
+    let mut sums = [0.0_f32; 16];
+    for (a, b) in a.iter().zip(b) {
+        for l in 0..16 {
+            sums[l] += a[l] * b[l];
+        }
+    }
+    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f32>() + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::Engine;
+    use crate::least_squares::{System, matrix_words, system_words};
+    use crate::rng::Rng;
+    use std::vec;
+    use std::vec::Vec;
+
+    const N: usize = 37;
+
+    #[test]
+    fn solutions_and_variances_are_the_matrixs() {
+        let mut rng = Rng::new(4, 0);
+        let mut memory = vec![0.0; system_words(N)];
+        let engine = Engine::PORTABLE.normal_equations;
+        let mut system = System::new(N, engine, &mut memory).unwrap();
+        let mut matrix = vec![vec![0.0_f64; N]; N];
+        for _ in 0..3 * N {
+            let row: Vec<f32> = (0..N).map(|_| rng.normal_sd(1.0)).collect();
+            system.add_row(&row, 0.5, 0.0);
+            for (i, a) in row.iter().enumerate() {
+                for (j, b) in row.iter().enumerate() {
+                    matrix[i][j] += 0.5 * f64::from(a * b);
+                }
+            }
+        }
+        let mut factor = vec![0.0; matrix_words(N)];
+        system.solve_damped(0.0, |_| 0.0, &mut factor, &mut [0.0; N]).unwrap();
+        let metric = Metric::new(N, factor.as_chunks().0).unwrap();
+        let z: Vec<f32> = (0..N).map(|_| rng.normal_sd(1.0)).collect();
+        // A⁻¹ z = U⁻¹ U⁻ᵀ z.
+        let inverse = |z: &[f32]| {
+            let mut x = z.to_vec();
+            metric.solve_transposed(&mut x);
+            metric.solve(&mut x);
+            x
+        };
+        let x = inverse(&z);
+        for (row, z) in matrix.iter().zip(&z) {
+            let product: f64 = row.iter().zip(&x).map(|(a, x)| a * f64::from(*x)).sum();
+            assert!((product - f64::from(*z)).abs() < 1e-4, "{product} {z}");
+        }
+        let (mut scratch, mut variances) = ([0.0; N], [0.0; N]);
+        metric.variances(&mut scratch, &mut variances);
+        for (i, variance) in variances.into_iter().enumerate() {
+            let mut one = [0.0; N];
+            one[i] = 1.0;
+            let expected = inverse(&one)[i];
+            assert!((variance - expected).abs() < 1e-4 * expected, "{i}: {variance} {expected}");
+        }
+    }
+}
