@@ -267,7 +267,10 @@ fn pictures_of_an_earlier_fit_are_not_left() {
     let mask = place.path().join("fit/mask.png");
     fit(place.path(), "fit", "--size 64");
     assert!(mask.exists());
+    let other = place.path().join("fit/checkpoint.bin");
+    fs::write(&other, "of an interrupted fit").unwrap();
     fit(place.path(), "fit", "--schedule paper --landmark-samples 20 --samples 20");
+    assert!(other.exists(), "a checkpoint that was not gone on from is lost");
     assert!(!mask.exists() && place.path().join("fit/overlay.png").exists());
 }
 

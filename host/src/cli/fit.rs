@@ -211,7 +211,9 @@ impl Fit {
             }
             Ending::Done(fit) => {
                 self.write(&job, &fit, model.provenance(), console)?;
-                remove_if_there(&checkpoint);
+                if self.chain.resume {
+                    remove_if_there(&checkpoint);
+                }
                 Ok(())
             }
         }
@@ -311,7 +313,8 @@ pub(super) fn watch<T>(
     })
 }
 
-/// A finished fit has no use for its checkpoint; if it stays, it is refused by the next --resume.
+/// A fit that went on from its checkpoint has no more use for it. (One that did not leaves another's
+/// alone.)
 fn remove_if_there(checkpoint: &Path) {
     let _ = std::fs::remove_file(checkpoint);
 }
