@@ -120,7 +120,7 @@ typedef struct {
    */
   uint32_t samples;
   /*
-   Standard deviation of a landmark, pixels.
+   Standard deviation of a landmark, pixels; the default is for pictures of about 256.
    */
   float landmark_sd;
   /*
@@ -128,11 +128,12 @@ typedef struct {
    */
   float pixel_sd;
   /*
-   Pixels that share one independent error.
+   Pixels that share one independent error; the default is for pictures of about 256, elsewhere it
+   grows as the picture's area.
    */
   float pixel_patch;
   /*
-   Whether the chain makes search moves; otherwise it samples the posterior.
+   Whether the chain also solves for the light in closed form; otherwise it samples its posterior.
    */
   bool search;
   /*
@@ -526,5 +527,5 @@ OnescanStatus onescan_search_draw(OnescanSearch *search,
 #define ONESCAN_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define ONESCAN_CHUNKS(width, height) (((size_t)(width) + 15) / 16 * (height))
 #define ONESCAN_PADDED(vertices) (((size_t)(vertices) + 31) / 32 * 32)
-#define ONESCAN_SYSTEM(n) (((size_t)(n) + ONESCAN_BATCH(n)) * 16 * ONESCAN_GROUPS(n) + 3 * (n))
+#define ONESCAN_SYSTEM(n) (((size_t)(n) + ONESCAN_BATCH(n)) * 16 * ONESCAN_GROUPS(n) + 2 * (n))
 #define ONESCAN_BATCH(n) ((n) < 128 ? 8 : (n) < 512 ? (size_t)(n) / 64 * 8 : 64)

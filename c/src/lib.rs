@@ -109,13 +109,14 @@ pub struct OnescanSettings {
     pub shape_samples: u32,
     /// Steps of the image stage.
     pub samples: u32,
-    /// Standard deviation of a landmark, pixels.
+    /// Standard deviation of a landmark, pixels; the default is for pictures of about 256.
     pub landmark_sd: f32,
     /// Standard deviation of a pixel's colour channel, of 1.
     pub pixel_sd: f32,
-    /// Pixels that share one independent error.
+    /// Pixels that share one independent error; the default is for pictures of about 256, elsewhere it
+    /// grows as the picture's area.
     pub pixel_patch: f32,
-    /// Whether the chain makes search moves; otherwise it samples the posterior.
+    /// Whether the chain also solves for the light in closed form; otherwise it samples its posterior.
     pub search: bool,
     /// Whether memory is scarcer than time: the chain then takes less than half of it, same result.
     pub lean: bool,

@@ -20,7 +20,7 @@ const fn batch(n: usize) -> usize {
 
 /// Words of memory [`System`] needs for `n` unknowns.
 pub(crate) const fn system_words(n: usize) -> usize {
-    matrix_words(n) + batch(n) * LANES * stride(n) + 3 * n
+    matrix_words(n) + batch(n) * LANES * stride(n) + 2 * n
 }
 
 /// Groups of lanes of a row of `n` numbers, at least one.
@@ -44,8 +44,8 @@ pub(crate) struct System<'s> {
     /// Rows of a Jacobian waiting to be added, `[group of lanes][row]`, padded with zeros.
     batch: &'s mut [Group],
     waiting: heapless::Vec<Equation, MAX_BATCH>,
-    /// Two rows in the making.
-    pub(crate) rows: [&'s mut [f32]; 2],
+    /// The row in the making.
+    row: &'s mut [f32],
     normal_equations: NormalEquations,
 }
 
@@ -82,6 +82,7 @@ fn add_tile<const ROWS: usize>(
         }
     }
     for (factor, lanes) in factors.iter().zip(lanes) {
+        // In this order it becomes vectors at any level of optimisation.
         for l in 0..LANES {
             for r in 0..ROWS {
                 sums[r][l] += factor[r] * lanes[l];
@@ -163,7 +164,7 @@ pub(crate) trait Equations {
     fn row(&mut self) -> &mut [f32];
 
     /// Adds the equation of that row.
-    fn add_own(&mut self, weight: f32, residual: f32);
+    fn add(&mut self, weight: f32, residual: f32);
 }
 
 impl Equations for System<'_> {
@@ -177,12 +178,12 @@ impl Equations for System<'_> {
     }
 
     fn row(&mut self) -> &mut [f32] {
-        let [row, _] = &mut self.rows;
-        row
+        self.row
     }
 
-    fn add_own(&mut self, weight: f32, residual: f32) {
-        self.add(0, weight, residual);
+    fn add(&mut self, weight: f32, residual: f32) {
+        put(self.batch, batch(self.n), self.waiting.len(), self.row);
+        self.weigh(weight, residual);
     }
 }
 
@@ -205,7 +206,7 @@ impl Equations for Slope<'_> {
         self.row
     }
 
-    fn add_own(&mut self, weight: f32, residual: f32) {
+    fn add(&mut self, weight: f32, residual: f32) {
         for (g, r) in self.gradient.iter_mut().zip(&*self.row) {
             *g += weight * residual * r;
         }
@@ -225,24 +226,16 @@ impl<'s> System<'s> {
         let (a, rest) = memory.split_at_mut_checked(n * row)?;
         let (batch, rest) = rest.split_at_mut_checked(batch(n) * row)?;
         let (b, rest) = rest.split_at_mut_checked(n)?;
-        let (first, second) = rest.split_at_mut_checked(n)?;
+        let row = rest.get_mut(..n)?;
         Some(Self {
             n,
             a: a.as_chunks_mut().0,
             b,
             batch: batch.as_chunks_mut().0,
             waiting: heapless::Vec::new(),
-            rows: [first, second],
+            row,
             normal_equations,
         })
-    }
-
-    /// Adds a weighted equation `row · δ = residual`; the row is `self.rows[which]`.
-    pub(crate) fn add(&mut self, which: usize, weight: f32, residual: f32) {
-        if let Some(row) = self.rows.get(which) {
-            put(self.batch, batch(self.n), self.waiting.len(), row);
-            self.weigh(weight, residual);
-        }
     }
 
     /// Adds a weighted equation whose row is the caller's.
@@ -448,11 +441,11 @@ mod tests {
         let mut system = System::new(N, Engine::PORTABLE.normal_equations, memory)?;
         for _ in 0..equations {
             let mut right = 0.0;
-            for (i, x) in system.rows[1].iter_mut().enumerate() {
+            for (i, x) in system.row().iter_mut().enumerate() {
                 *x = rng.normal_sd(1.0);
                 right += *x * (i as f32 - 3.0);
             }
-            system.add(1, 0.5 + rng.uniform() as f32, right);
+            system.add(0.5 + rng.uniform() as f32, right);
         }
         system.solve()?.try_into().ok()
     }

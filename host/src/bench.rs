@@ -515,7 +515,7 @@ pub struct Report {
     pub sampler: Speed,
     /// Vectors the stages were compiled for.
     pub engine: &'static str,
-    /// The fit with stages compiled for any processor of this kind.
+    /// The first with stages compiled for any processor of this kind.
     pub portable: Speed,
     /// Part of the picture that the face covers.
     pub covered_fraction: f64,
@@ -781,7 +781,7 @@ impl fmt::Display for Report {
         writeln!(f)?;
         writeln!(f, "{:12}{:>24}{:>12}", "steps/s", "picture compared", "all")?;
         for (name, speed) in
-            [("fit", self.fit), ("sampler", self.sampler), ("portable fit", self.portable)]
+            [("chain", self.fit), ("sampler", self.sampler), ("portable", self.portable)]
         {
             let Speed { steps_per_second, all_steps_per_second } = speed;
             writeln!(f, "{name:12}{steps_per_second:>24.0}{all_steps_per_second:>12.0}")?;
@@ -797,7 +797,7 @@ impl fmt::Display for Report {
             self.roofline_steps_per_second,
             1e9 * memory / self.bytes_per_step
         )?;
-        writeln!(f, "the fit reaches {:.0} % of the former", 100.0 * self.fraction_of_roofline)?;
+        writeln!(f, "the chain reaches {:.0} % of the former", 100.0 * self.fraction_of_roofline)?;
         writeln!(f)?;
         write!(f, "{:12}{:>12}{:>12}{:>12}", "time to mode", "s", "iterations", "ms each")?;
         write!(f, "{:>12}{:>12}{:>12}", "Mflop each", "MB each", "roofline s")?;

@@ -121,6 +121,10 @@ test('what is wrong is said', async () => {
   const good = onescan.model(bytes);
   const photo = onescan.photo({ width: 64, height: 64, data: new Uint8Array(64 * 64 * 4) });
   const landmarks = good.landmarks.slice(0, 4).map((name, i) => ({ name, x: 20 + 5 * i, y: 30 + 3 * i }));
+  const marked = readFileSync(join(PHOTOS, 'astronaut.tlms'), 'utf8');
+  const sides = { left: 'right', right: 'left' };
+  const mirrored = marked.replace(/^(left|right)\b/gm, (side) => sides[side]);
+  const portrait = onescan.photo(new Uint8Array(readFileSync(join(PHOTOS, 'astronaut.png'))));
   const damaged = bytes.slice();
   damaged[5000] ^= 1;
   const cases = [
@@ -132,6 +136,7 @@ test('what is wrong is said', async () => {
     [() => onescan.fit({ model: good, photo, landmarks: [] }), /mark at least 4/],
     [() => onescan.fit({ model: good, photo, landmarks: 'nose 1 2' }), /line 1/],
     [() => onescan.fit({ model: good, photo, landmarks: [{ name: 'nose', x: 1, y: 2 }] }), /no landmark `nose`/],
+    [() => onescan.fit({ model: good, photo: portrait, landmarks: mirrored }), /left and right are exchanged/],
     [() => onescan.fit({ model: good, photo, landmarks, size: -1 }), /settings/],
     [() => onescan.fit({ model: good, photo, landmarks, shapeRank: 1000 }), /at most 200/],
     [() => onescan.fit({ model: good, photo, landmarks, size: 1e6 }), /size is 1000000/],

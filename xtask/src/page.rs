@@ -110,7 +110,7 @@ fn build() -> Outcome {
     for name in ["onescan_wasm.d.ts", "onescan_wasm_bg.wasm", "onescan_wasm_bg.wasm.d.ts"] {
         copy(&made.join(name), &format!("js/wasm/{name}"))?;
     }
-    // Checked, declared, and then without the comments, a tenth of what a visitor would load.
+    // Checked, declared, and then without the comments, which are a quarter of the scripts.
     let compiler = wasm.join("node_modules/.bin/tsc");
     for configuration in ["tsconfig.json", "tsconfig.types.json", "tsconfig.page.json"] {
         sh(&mut command(&compiler, ["--project", &format!("wasm/{configuration}")]))?;

@@ -127,7 +127,7 @@ impl<'w> Landmarks<'w> {
         })
     }
 
-    /// The landmarks as equations for the search moves, given their model-frame positions.
+    /// The landmarks and how far off they are, given their model-frame positions.
     pub(crate) fn samples(
         &self,
         scene: &Scene,

@@ -46,7 +46,8 @@ impl<'m> Metric<'m> {
         }
     }
 
-    /// Variances of the unknowns: the diagonal of `A⁻¹`. `scratch` is as long as they are.
+    /// Variances of the unknowns in Laplace's approximation, the diagonal of `A⁻¹`, in the order and
+    /// units of [`crate::search::unknowns`]. Both slices are as long as there are unknowns.
     pub fn variances(&self, scratch: &mut [f32], variances: &mut [f32]) {
         variances.fill(0.0);
         for k in 0..self.n {

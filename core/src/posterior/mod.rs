@@ -10,7 +10,7 @@
 //! a few turns. During a warm-up, which is thrown away, their angle is adapted; then it is held.
 //!
 //! On a photo at 199 + 199 components about a third of the trajectories are accepted, and some
-//! parameters (complexion against light, yaw against shape) need hundreds of them.
+//! parameters (complexion against light, yaw against shape) hardly mix in hundreds of them.
 
 pub mod hamiltonian;
 mod metric;
@@ -83,7 +83,7 @@ impl Field for Around<'_, '_> {
         for (to, f) in force.iter_mut().zip(self.held.force()) {
             *to = *f;
         }
-        // A turn δ after w is the turn w + (I − ½[w]×)⁻¹ δ, or nearly so.
+        // From the turn w on to w + dw it is a turn δ = (I + ½[w]×) dw, or nearly so.
         if let Some([fx, fy, fz]) = force.first_chunk_mut() {
             let [x, y, z] = rotation.map(|w| 0.5 * w);
             (*fx, *fy, *fz) =
@@ -126,7 +126,7 @@ impl<'a, 'w> Sampler<'a, 'w> {
     ///
     /// # Errors
     /// [`ChainError::Memory`] if the memory is shorter; [`ChainError::Config`] of a mode that
-    /// nothing is seen of.
+    /// nothing is seen of, or whose metric is singular.
     pub fn new(
         mut search: ModeSearch<'a, 'w>,
         warm_up: u32,
@@ -196,8 +196,8 @@ impl<'a, 'w> Sampler<'a, 'w> {
         let miss = if accepted { 1.0 - ACCEPTANCE } else { -ACCEPTANCE };
         let [now, average] = &mut self.ln_angle;
         *now = (*now + miss / math::sqrt_f64(k)).clamp(math::ln(ANGLES[0]), math::ln(ANGLES[1]));
-        // The later half counts.
-        let share = (2.0 / k).max(1.0 / (k + 1.0));
+        // The later a step, the more it counts.
+        let share = 2.0 / (k + 1.0);
         *average += share * (*now - *average);
     }
 

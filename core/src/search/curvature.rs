@@ -26,7 +26,7 @@ impl ModeSearch<'_, '_> {
         samples: usize,
         system: &mut System<'_>,
     ) {
-        let width = self.problem.image.width as usize;
+        let width = self.width();
         let stride = (covered as f64 / samples as f64).max(1.0);
         let turn = GOLDEN * f64::from(self.iterations);
         let mut next = (turn - f64::from(turn as u32)) * stride;

@@ -10,7 +10,7 @@ use crate::render::rasterize::Hit;
 
 /// What it costs to change what a pixel shows.
 pub(super) struct Pixel {
-    /// The visible triangle's corners, and their weights.
+    /// The visible triangle's corners.
     pub(super) corners: [usize; 3],
     /// See [`Point::weights`].
     pub(super) weights: Vec3,
@@ -55,7 +55,7 @@ impl ModeSearch<'_, '_> {
     /// pixel are those of a spike.
     #[inline(never)]
     pub(super) fn differences(&self, x: usize, y: usize) -> [Vec3; 2] {
-        let width = self.problem.image.width as usize;
+        let width = self.width();
         let index = y * width + x;
         let rendered = |index: usize| {
             let [r, g, b] = &self.planes.rendering;
@@ -76,7 +76,7 @@ impl ModeSearch<'_, '_> {
     /// Adds `−∂E/∂x` of the image term to the gradient.
     #[inline(never)]
     pub(super) fn add_gradient(&mut self, shading: &Shading) {
-        let (unit, width) = (self.pixel_weight(), self.problem.image.width as usize);
+        let (unit, width) = (self.pixel_weight(), self.width());
         self.add_gradient_of(|search, [x, y], hit| {
             let index = y * width + x;
             let weight = at(search.planes.weights, index) * unit;

@@ -11,15 +11,14 @@
 //! outline runs included.
 
 use super::gradient::Pixel;
-use super::image_term::{FACING, bounded};
+use super::image_term::{FACING, LogRatio, bounded, says};
 use super::landmarks;
 use super::occlusion::WHOLE;
 use super::shading::{Shading, slopes};
 use super::state::ModeSearch;
 use super::surface::at;
-use super::vector::{add, dot, scale, sub};
+use super::vector::{add, scale, sub};
 use crate::least_squares::Slope;
-use crate::likelihood::pixels::ln_normaliser;
 use crate::scene::Scene;
 
 /// Part of the mode's weight that a scene must cover.
@@ -51,7 +50,7 @@ impl<'a, 'w> Held<'a, 'w> {
                 let Some(hit) = search.frame.hit(x, y) else { continue };
                 let Some((_, point)) = search.point(&shading, &hit) else { continue };
                 let index = y * width + x;
-                let says = facing(shading.facing(&point));
+                let says = says(shading.facing(&point));
                 let weight = at(search.planes.weights, index);
                 if let Some(mask) = search.planes.mask.get_mut(index) {
                     *mask = if says > HARDLY { (weight / says).min(1.5) } else { 0.0 };
@@ -86,6 +85,7 @@ impl<'a, 'w> Held<'a, 'w> {
     fn compare(&mut self) -> (f64, f64) {
         let search = &mut self.search;
         let (width, shading) = (search.width(), Shading::new(&search.scene));
+        let ln = LogRatio::new(search.sd());
         search.planes.weights.fill(f32::NAN);
         let (mut weight, mut sum) = (0.0, 0.0);
         for y in search.frame.rows() {
@@ -94,14 +94,15 @@ impl<'a, 'w> Held<'a, 'w> {
                 let Some(hit) = search.frame.hit(x, y) else { continue };
                 let Some((_, point)) = search.point(&shading, &hit) else { continue };
                 let index = y * width + x;
-                let says = facing(shading.facing(&point)) * search.hidden(&hit);
+                let says = says(shading.facing(&point)) * search.hidden(&hit);
                 if let Some(to) = search.planes.weights.get_mut(index) {
                     *to = says;
                 }
                 let w = at(search.planes.mask, index) * says;
                 let difference = sub(search.photo(index), point.color);
+                let ratio = ln.of(difference, at(search.planes.ln_background, index));
                 row_weight += w;
-                row_sum += w * bounded(search.ratio(index, dot(difference, difference))).0;
+                row_sum += w * bounded(ratio).0;
             }
             weight += f64::from(row_weight);
             sum += f64::from(row_sum);
@@ -117,6 +118,7 @@ impl<'a, 'w> Held<'a, 'w> {
         let shading = Shading::new(&search.scene);
         let unit = share * search.pixel_weight();
         let by_ratio = share / search.problem.config.pixel_patch;
+        let ln = LogRatio::new(search.sd());
         search.add_gradient_of(|search, [x, y], hit| {
             let index = y * width + x;
             let (mask, says) = (at(search.planes.mask, index), at(search.planes.weights, index));
@@ -125,7 +127,8 @@ impl<'a, 'w> Held<'a, 'w> {
             }
             let (corners, point) = search.point(&shading, hit)?;
             let difference = sub(search.photo(index), point.color);
-            let (ratio, own) = bounded(search.ratio(index, dot(difference, difference)));
+            let ratio = ln.of(difference, at(search.planes.ln_background, index));
+            let (ratio, own) = bounded(ratio);
             let mut adjoint = shading.adjoint(&point, scale(difference, unit * mask * says * own));
             let window = corners.map(|v| {
                 let [x, y, ..] = at(search.surface.window, v);
@@ -148,23 +151,7 @@ impl<'a, 'w> Held<'a, 'w> {
     }
 }
 
-/// How much a surface says that is seen at an angle of this cosine.
-fn facing(cosine: f32) -> f32 {
-    (cosine * (1.0 / FACING)).clamp(0.0, 1.0)
-}
-
 impl ModeSearch<'_, '_> {
-    fn width(&self) -> usize {
-        self.problem.image.width as usize
-    }
-
-    /// `ℓ` of a pixel with this squared difference of colours.
-    fn ratio(&self, index: usize, square: f32) -> f32 {
-        let sd = self.sd();
-        let normaliser = ln_normaliser(f64::from(sd)) as f32;
-        normaliser - square / (2.0 * sd * sd) - at(self.planes.ln_background, index)
-    }
-
     /// How `ω` changes from pixel to pixel, along x and y.
     fn says_along(&self, index: usize, here: f32) -> [f32; 2] {
         let says = |index: Option<usize>| {

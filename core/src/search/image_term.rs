@@ -27,7 +27,7 @@ use super::picture;
 use super::shading::Shading;
 use super::state::{ModeSearch, Planes};
 use super::surface::at;
-use super::vector::{dot, sub};
+use super::vector::{Vec3, dot, sub};
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::pixels::ln_normaliser;
 use crate::math;
@@ -44,11 +44,38 @@ const CERTAIN: f32 = 6.0;
 /// Cosine of the angle to the line of sight from which on a surface has its full say.
 pub(super) const FACING: f32 = 0.3;
 
+/// `ℓ` of pixels, by how far their colours are off.
+#[derive(Clone, Copy)]
+pub(super) struct LogRatio {
+    /// `1/2σ²`.
+    k: f32,
+    normaliser: f32,
+}
+
+impl LogRatio {
+    /// For a standard deviation per channel.
+    pub(super) fn new(sd: f32) -> Self {
+        Self { k: 1.0 / (2.0 * sd * sd), normaliser: ln_normaliser(f64::from(sd)) as f32 }
+    }
+
+    /// `ℓ` of a pixel with this difference of colours, and this log density under the background.
+    #[inline(always)]
+    pub(super) fn of(self, difference: Vec3, ln_background: f32) -> f32 {
+        self.normaliser - self.k * dot(difference, difference) - ln_background
+    }
+}
+
+/// How much a surface says that is seen at an angle of this cosine.
+#[inline(always)]
+pub(super) fn says(cosine: f32) -> f32 {
+    (cosine * (1.0 / FACING)).clamp(0.0, 1.0)
+}
+
 impl ModeSearch<'_, '_> {
     /// The background is what the picture holds outside of where the landmarks put the face.
     #[inline(never)]
     pub(super) fn look_outside(&mut self) {
-        let width = self.problem.image.width as usize;
+        let width = self.width();
         self.render();
         let frame = &self.frame;
         let outside = |i: usize| {
@@ -69,7 +96,7 @@ impl ModeSearch<'_, '_> {
         let pixels = self.planes.mask.len();
         let (ratios, rest) = memory.split_at_mut_checked(pixels)?;
         let (near, spare) = rest.split_at_mut_checked(pixels)?;
-        let width = self.problem.image.width as usize;
+        let width = self.width();
         let covered = self.compare_pixels(scene, ratios, near);
         let face = [self.frame.columns(), self.frame.rows()];
         picture::blur_box(ratios, spare, width, face.clone(), COHERENCE);
@@ -121,10 +148,8 @@ impl ModeSearch<'_, '_> {
     /// Fills the rendering, the weights with what the covered pixels have to say, the mask with the
     /// share of the face in it, and two planes with `ωℓ` and `ω`; gives the number of covered pixels.
     fn compare_pixels(&mut self, scene: &Scene, ratios: &mut [f32], near: &mut [f32]) -> usize {
-        let width = self.problem.image.width as usize;
-        let sd = self.sd();
-        let k = 1.0 / (2.0 * sd * sd);
-        let normaliser = ln_normaliser(f64::from(sd)) as f32;
+        let width = self.width();
+        let ln = LogRatio::new(self.sd());
         let shading = Shading::new(scene);
         let Planes { mask, weights, rendering, .. } = &mut self.planes;
         for plane in [&mut **mask, weights, ratios, near] {
@@ -140,12 +165,10 @@ impl ModeSearch<'_, '_> {
                 let index = y * width + x;
                 let Some((_, point)) = self.point(&shading, &hit) else { continue };
                 let difference = sub(self.photo(index), point.color);
-                let face = normaliser - k * dot(difference, difference);
-                let ratio = face - at(self.planes.ln_background, index);
+                let ratio = ln.of(difference, at(self.planes.ln_background, index));
                 let doubtful = ratio < CERTAIN && self.hidden(&hit) > 0.0;
                 let (ratio, own) = if doubtful { bounded(ratio) } else { (ratio, 1.0) };
-                let facing = shading.facing(&point) * (1.0 / FACING);
-                let say = self.options.open_at(index) * facing.clamp(0.0, 1.0);
+                let say = self.options.open_at(index) * says(shading.facing(&point));
                 let Planes { mask, weights, rendering, .. } = &mut self.planes;
                 for (plane, value) in rendering.iter_mut().zip(point.color) {
                     set(plane, index, value);
@@ -173,7 +196,7 @@ impl ModeSearch<'_, '_> {
     #[inline(never)]
     pub(super) fn look_at_eyes(&mut self) {
         let model = self.problem.model;
-        let width = self.problem.image.width as usize;
+        let width = self.width();
         let eyes = occlusion::eyes(model);
         let mut balance = [0.0_f32; 2];
         for y in self.frame.rows() {

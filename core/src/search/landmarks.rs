@@ -58,7 +58,7 @@ pub(super) fn add_equations(
             for (out, b) in row.get_mut(POSE..).unwrap_or_default().iter_mut().zip(&*components) {
                 *out = dot(moved, *b);
             }
-            system.add_own(weight, residual);
+            system.add(weight, residual);
         }
     }
 }

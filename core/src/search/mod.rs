@@ -176,7 +176,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.damping = 1e-2;
         self.layout = self.layout_of(self.level());
         let blur = self.level().blur;
-        let width = self.problem.image.width as usize;
+        let width = self.width();
         for (c, plane) in self.planes.photo.iter_mut().enumerate() {
             for (value, pixel) in plane.iter_mut().zip(self.problem.image.pixels) {
                 *value = f32::from(at(pixel, c)) / 255.0;

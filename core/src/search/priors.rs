@@ -212,5 +212,5 @@ fn couple(system: &mut impl Equations, terms: &[(usize, f32)], weight: f32, x: f
             *entry = k;
         }
     }
-    system.add_own(weight, -x);
+    system.add(weight, -x);
 }

@@ -366,6 +366,11 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.level().error * self.problem.config.pixel_sd
     }
 
+    /// Pixels of a row.
+    pub(super) fn width(&self) -> usize {
+        self.problem.image.width as usize
+    }
+
     /// Hands out the memory of what is needed in passing.
     pub(super) fn in_passing<T>(&mut self, f: impl FnOnce(&mut Self, &mut [f32]) -> T) -> T {
         let memory = core::mem::take(&mut self.passing);

@@ -64,7 +64,8 @@ pub(super) struct Fit {
     /// [default: 4 at --size 256, at others in proportion].
     #[arg(long, value_parser = deviation, allow_negative_numbers = true)]
     landmark_sd: Option<f32>,
-    /// Shape coefficients to infer, the leading ones [default: all of the model, at most 200; of a chain 50].
+    /// Shape coefficients to infer, the leading ones [default: all of the model, at most 200; of a
+    /// chain 50].
     #[arg(long, value_parser = rank())]
     shape_rank: Option<u32>,
     /// Albedo coefficients to infer, likewise.
