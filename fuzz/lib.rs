@@ -55,7 +55,7 @@ pub fn damaged(bytes: &[u8], damage: &[u8]) -> Vec<u8> {
 
 /// What `render --fit` does with a scene from a file, in a small picture.
 pub fn draw(mut scene: Scene) {
-    scene.camera = render::resize_camera(&scene.camera, [48, 32]);
+    scene.view.camera = render::resize_camera(&scene.view.camera, [48, 32]);
     render::draw_on(&model().view(), &scene, [0; 3]);
 }
 

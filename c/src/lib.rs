@@ -16,7 +16,7 @@ use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, Observation};
 use onescan_core::model::{Model, ModelError};
-use onescan_core::scene::{MAX_RANK, Scene};
+use onescan_core::scene::{MAX_RANK, Scene, Subject, View};
 use onescan_core::search::{LEVELS, ModeSearch, Options, words_for};
 
 /// What became of a call.
@@ -616,7 +616,8 @@ pub unsafe extern "C" fn onescan_search_scene(
     else {
         return OnescanStatus::Null;
     };
-    let Scene { pose, camera, light, color, shape, albedo } = search.scene();
+    let Scene { subject: Subject { shape, albedo }, view } = search.scene();
+    let View { pose, camera, light, color } = view;
     let coefficients = |values: &[f32]| {
         let mut all = [0.0; ONESCAN_MAX_RANK];
         for (to, value) in all.iter_mut().zip(values) {
@@ -712,7 +713,7 @@ unsafe fn draw_scene(
     if colors.is_null() || memory.is_null() {
         return OnescanStatus::Null;
     }
-    let [width, height] = scene.camera.image_size.map(|side| side as usize);
+    let [width, height] = scene.view.camera.image_size.map(|side| side as usize);
     if memory_words < draw_words(model.vertices(), width, height) {
         return OnescanStatus::Memory;
     }

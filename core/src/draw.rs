@@ -33,7 +33,7 @@ pub fn draw(
     memory: &mut [u32],
     pixels: Pixels<'_>,
 ) -> Option<usize> {
-    let [width, height] = scene.camera.image_size.map(|side| side as usize);
+    let [width, height] = scene.view.camera.image_size.map(|side| side as usize);
     let vertices = model.vertices();
     if pixels.len() != width.checked_mul(height)?
         || memory.len() < draw_words(vertices, width, height)
@@ -47,11 +47,11 @@ pub fn draw(
     let mut frame = Frame::carve(&mut carve, width, height)?;
 
     let engine = Engine::PORTABLE;
-    (engine.instance)(&model.shape, &scene.shape, positions);
+    (engine.instance)(&model.shape, &scene.subject.shape, positions);
     // Normals and albedo pass through the memory of the window coordinates, which come last.
     (engine.normals)(model.triangles, positions, window);
     shade::set_normals(window, attributes);
-    (engine.instance)(&model.albedo, &scene.albedo, window);
+    (engine.instance)(&model.albedo, &scene.subject.albedo, window);
     shade::set_albedo(window, attributes);
     (engine.project)(scene, positions, window);
     (engine.rasterize)(model.triangles, window, &mut frame);

@@ -62,9 +62,9 @@ pub fn vertex_normals(model: &Model<'_>, positions: &[[f32; 4]], normals: &mut [
 /// Twin of [`crate::render::project::project`] without its grid: vertex by vertex.
 pub fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
     for (out, &position) in window.iter_mut().zip(positions) {
-        let world = scene.pose.to_world(xyz(position));
-        let (x, y, d) = scene.camera.project(world);
-        *out = [x, y, if d > scene.camera.near { 1.0 / d } else { 0.0 }, 0.0];
+        let world = scene.view.pose.to_world(xyz(position));
+        let (x, y, d) = scene.view.camera.project(world);
+        *out = [x, y, if d > scene.view.camera.near { 1.0 / d } else { 0.0 }, 0.0];
     }
 }
 
@@ -72,9 +72,9 @@ pub fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
 /// function evaluated.
 pub fn color(scene: &Scene, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
     let world =
-        scene.pose.rotation().map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
-    let radiance = light::radiance(&scene.light, world);
-    scene.color.apply([0, 1, 2].map(|c| albedo[c] * radiance[c]))
+        scene.view.pose.rotation().map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
+    let radiance = light::radiance(&scene.view.light, world);
+    scene.view.color.apply([0, 1, 2].map(|c| albedo[c] * radiance[c]))
 }
 
 /// Twin of [`crate::likelihood::pixels::residual`]'s shading: every visible pixel of a frame with
@@ -87,7 +87,7 @@ pub fn shade(
     vertices: &[Attributes],
     pixels: &mut [[f32; 3]],
 ) {
-    let width = scene.camera.image_size[0] as usize;
+    let width = scene.view.camera.image_size[0] as usize;
     for (i, pixel) in pixels.iter_mut().enumerate() {
         let Some(hit) = frame.hit(i % width, i / width) else { continue };
         let Some(corners) = model.triangles.get(hit.triangle) else { continue };
@@ -118,18 +118,18 @@ pub fn draw(
     pixels: &mut [[f32; 3]],
 ) {
     depth.fill(0.0);
-    let [width, height] = scene.camera.image_size.map(|side| side as usize);
+    let [width, height] = scene.view.camera.image_size.map(|side| side as usize);
     for corners in (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)) {
         let corners = corners.map(|v| v as usize);
-        let world = corners.map(|v| scene.pose.to_world(xyz(positions[v])).map(f64::from));
-        if world.iter().any(|p| -p[2] <= f64::from(scene.camera.near)) {
+        let world = corners.map(|v| scene.view.pose.to_world(xyz(positions[v])).map(f64::from));
+        if world.iter().any(|p| -p[2] <= f64::from(scene.view.camera.near)) {
             continue;
         }
         let n = cross(sub(world[1], world[0]), sub(world[2], world[0]));
         if n[0] * world[0][0] + n[1] * world[0][1] + n[2] * world[0][2] > 0.0 {
             continue;
         }
-        let p = world.map(|w| window(&scene.camera, w));
+        let p = world.map(|w| window(&scene.view.camera, w));
         let side = |axis: usize, limit: usize| {
             let low = p.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
             let high = p.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);

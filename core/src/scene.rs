@@ -168,10 +168,33 @@ pub struct PixelCamera {
     pub centre: [f32; 2],
 }
 
-/// One hypothesis about the picture: the state of the Markov chain.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Scene {
-    /// Where the object is.
+/// Whom a picture shows: all that does not change from one picture to the next.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Subject {
+    /// Shape coefficients.
+    pub shape: Coefficients,
+    /// Albedo coefficients.
+    pub albedo: Coefficients,
+}
+
+impl Subject {
+    /// The mean of a model, with room for so many coefficients (each at most [`MAX_RANK`]; larger
+    /// counts are cut).
+    pub fn mean(shape_rank: usize, albedo_rank: usize) -> Self {
+        let zeros = |rank: usize| {
+            let mut v = Coefficients::new();
+            // Cannot fail: the length is cut to the capacity.
+            let _ = v.resize(rank.min(MAX_RANK), 0.0);
+            v
+        };
+        Self { shape: zeros(shape_rank), albedo: zeros(albedo_rank) }
+    }
+}
+
+/// How a picture shows its subject.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Where the subject is.
     pub pose: Pose,
     /// What it is seen through.
     pub camera: Camera,
@@ -179,36 +202,22 @@ pub struct Scene {
     pub light: Light,
     /// What the camera did to the colours.
     pub color: ColorTransform,
-    /// Shape coefficients.
-    pub shape: Coefficients,
-    /// Albedo coefficients.
-    pub albedo: Coefficients,
 }
 
-impl Scene {
-    /// The mean face of a model, one metre away under frontal light, in a picture of the given
-    /// size, with room for `shape_rank` and `albedo_rank` coefficients (each at most
-    /// [`MAX_RANK`]; larger counts are cut).
-    pub fn initial(width: u32, height: u32, shape_rank: usize, albedo_rank: usize) -> Self {
-        let zeros = |rank: usize| {
-            let mut v = Coefficients::new();
-            // Cannot fail: the length is cut to the capacity.
-            let _ = v.resize(rank.min(MAX_RANK), 0.0);
-            v
-        };
+impl View {
+    /// From one metre away under frontal light, in a picture of the given size.
+    pub fn initial(width: u32, height: u32) -> Self {
         Self {
             pose: Pose::AWAY_1M,
             camera: Camera::for_image(width, height),
             light: light::frontal(),
             color: ColorTransform::NEUTRAL,
-            shape: zeros(shape_rank),
-            albedo: zeros(albedo_rank),
         }
     }
 
-    /// Everything a chain changes, as one list of numbers.
+    /// Everything a fit changes, as one list of numbers.
     pub fn parameters(&self) -> impl Iterator<Item = &f32> {
-        let Self { pose, camera, light, color, shape, albedo } = self;
+        let Self { pose, camera, light, color } = self;
         [&pose.scale, &pose.roll, &pose.yaw, &pose.pitch]
             .into_iter()
             .chain(&pose.translation)
@@ -218,7 +227,55 @@ impl Scene {
             .chain(&color.gain)
             .chain([&color.contrast])
             .chain(&color.offset)
-            .chain(shape)
-            .chain(albedo)
+    }
+}
+
+/// One hypothesis about a picture: the state of the Markov chain. In files its parts stand side by
+/// side: `pose`, `camera`, `light`, `color`, `shape`, `albedo`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Flat", into = "Flat")]
+pub struct Scene {
+    /// Whom it shows.
+    pub subject: Subject,
+    /// And how.
+    pub view: View,
+}
+
+/// A scene in a file.
+#[derive(Serialize, Deserialize)]
+#[serde(rename = "Scene")]
+struct Flat {
+    pose: Pose,
+    camera: Camera,
+    light: Light,
+    color: ColorTransform,
+    shape: Coefficients,
+    albedo: Coefficients,
+}
+
+impl From<Flat> for Scene {
+    fn from(Flat { pose, camera, light, color, shape, albedo }: Flat) -> Self {
+        Self { subject: Subject { shape, albedo }, view: View { pose, camera, light, color } }
+    }
+}
+
+impl From<Scene> for Flat {
+    fn from(Scene { subject: Subject { shape, albedo }, view }: Scene) -> Self {
+        let View { pose, camera, light, color } = view;
+        Self { pose, camera, light, color, shape, albedo }
+    }
+}
+
+impl Scene {
+    /// The mean face of a model, one metre away under frontal light, in a picture of the given
+    /// size, with room for `shape_rank` and `albedo_rank` coefficients (each at most
+    /// [`MAX_RANK`]; larger counts are cut).
+    pub fn initial(width: u32, height: u32, shape_rank: usize, albedo_rank: usize) -> Self {
+        Self { subject: Subject::mean(shape_rank, albedo_rank), view: View::initial(width, height) }
+    }
+
+    /// Everything a chain changes, as one list of numbers.
+    pub fn parameters(&self) -> impl Iterator<Item = &f32> {
+        self.view.parameters().chain(&self.subject.shape).chain(&self.subject.albedo)
     }
 }

@@ -17,8 +17,13 @@ const PIXELS: usize = (SIDE * SIDE) as usize;
 fn photo(model: &Model<'_>) -> (Vec<[u8; 3]>, Scene) {
     let mut rng = Rng::new(1, 0);
     let mut scene = Scene::initial(SIDE, SIDE, model.shape.rank(), model.albedo.rank());
-    scene.pose.yaw = 0.3;
-    scene.shape.iter_mut().chain(&mut scene.albedo).for_each(|c| *c = rng.normal_sd(1.0));
+    scene.view.pose.yaw = 0.3;
+    scene
+        .subject
+        .shape
+        .iter_mut()
+        .chain(&mut scene.subject.albedo)
+        .for_each(|c| *c = rng.normal_sd(1.0));
     let mut memory = vec![0; draw_words(model.vertices(), SIDE as usize, SIDE as usize)];
     let mut pixels = vec![[0.4; 3]; PIXELS];
     assert!(draw(model, &scene, &mut memory, &mut pixels).is_some_and(|covered| covered > 300));
@@ -29,10 +34,10 @@ fn photo(model: &Model<'_>) -> (Vec<[u8; 3]>, Scene) {
 /// Where the truth's landmarks are.
 fn landmarks<'m>(model: &Model<'m>, truth: &Scene) -> Vec<Observation<'m>> {
     let mut positions = vec![[0.0; 4]; onescan_core::basis::padded(model.vertices())];
-    model.shape.instance(&truth.shape, &mut positions);
+    model.shape.instance(&truth.subject.shape, &mut positions);
     let position = |vertex: u32| {
         let [x, y, z, _] = positions[vertex as usize];
-        let (u, v, _) = truth.camera.project(truth.pose.to_world([x, y, z]));
+        let (u, v, _) = truth.view.camera.project(truth.view.pose.to_world([x, y, z]));
         [u, v]
     };
     model.landmarks().map(|(name, v)| Observation { name, position: position(v) }).collect()
@@ -103,7 +108,7 @@ fn the_shape_follows_the_landmarks_before_the_picture() {
         assert_eq!(Stage::ALL.map(proposed), [600, shape_samples, 10]);
         assert!(stages.is_sorted_by_key(|stage| Stage::ALL.iter().position(|s| s == stage)));
         let initial = chain.checkpoint().initial.clone().expect("the picture was looked at");
-        let moved = initial.scene.shape.iter().any(|c| *c != 0.0);
+        let moved = initial.scene.subject.shape.iter().any(|c| *c != 0.0);
         (moved, chain.quality(&initial.scene).landmark_rmse)
     };
     let ((posed, before), (shaped, after)) = (fit(0), fit(1500));

@@ -28,27 +28,27 @@ const LN_FOCAL: (f64, f64) = (2.0, 0.3);
 /// An exact draw from the target.
 fn draw(rng: &mut Rng) -> Scene {
     let mut scene = Scene::initial(256, 256, 6, 4);
-    scene.pose.roll = rng.normal_sd(0.5);
-    scene.pose.yaw = rng.normal_sd(0.5);
-    scene.pose.pitch = rng.normal_sd(0.5);
-    scene.pose.translation = [
+    scene.view.pose.roll = rng.normal_sd(0.5);
+    scene.view.pose.yaw = rng.normal_sd(0.5);
+    scene.view.pose.pitch = rng.normal_sd(0.5);
+    scene.view.pose.translation = [
         rng.normal_sd(100.0),
         rng.normal_sd(100.0),
         -(LN_DISTANCE.0 + LN_DISTANCE.1 * rng.normal()).exp() as f32,
     ];
-    scene.camera.focal_length = (LN_FOCAL.0 + LN_FOCAL.1 * rng.normal()).exp() as f32;
-    scene.camera.principal_point = [rng.normal_sd(0.5), rng.normal_sd(0.5)];
-    for (i, channel) in scene.light.iter_mut().flatten().enumerate() {
+    scene.view.camera.focal_length = (LN_FOCAL.0 + LN_FOCAL.1 * rng.normal()).exp() as f32;
+    scene.view.camera.principal_point = [rng.normal_sd(0.5), rng.normal_sd(0.5)];
+    for (i, channel) in scene.view.light.iter_mut().flatten().enumerate() {
         *channel = light_mean(i) as f32 + rng.normal_sd(0.3);
     }
-    for g in &mut scene.color.gain {
+    for g in &mut scene.view.color.gain {
         *g = 1.0 + rng.normal_sd(0.1);
     }
-    scene.color.contrast = 1.0 + rng.normal_sd(0.1);
-    for o in &mut scene.color.offset {
+    scene.view.color.contrast = 1.0 + rng.normal_sd(0.1);
+    for o in &mut scene.view.color.offset {
         *o = rng.normal_sd(0.1);
     }
-    for c in scene.shape.iter_mut().chain(&mut scene.albedo) {
+    for c in scene.subject.shape.iter_mut().chain(&mut scene.subject.albedo) {
         *c = rng.normal_sd(1.0);
     }
     scene
@@ -64,20 +64,20 @@ fn ln_target(scene: &Scene) -> f64 {
         let ln = f64::from(x).ln();
         ln_normal(ln, mean, sd) - ln
     };
-    let p = &scene.pose;
+    let p = &scene.view.pose;
     let mut sum = n(p.roll, 0.0, 0.5) + n(p.yaw, 0.0, 0.5) + n(p.pitch, 0.0, 0.5);
     sum += n(p.translation[0], 0.0, 100.0) + n(p.translation[1], 0.0, 100.0);
     sum += log_normal(-p.translation[2], LN_DISTANCE);
-    sum += log_normal(scene.camera.focal_length, LN_FOCAL);
-    sum += scene.camera.principal_point.map(|x| n(x, 0.0, 0.5)).iter().sum::<f64>();
-    for (i, &x) in scene.light.iter().flatten().enumerate() {
+    sum += log_normal(scene.view.camera.focal_length, LN_FOCAL);
+    sum += scene.view.camera.principal_point.map(|x| n(x, 0.0, 0.5)).iter().sum::<f64>();
+    for (i, &x) in scene.view.light.iter().flatten().enumerate() {
         sum += n(x, light_mean(i), 0.3);
     }
     for c in 0..3 {
-        sum += n(scene.color.gain[c], 1.0, 0.1) + n(scene.color.offset[c], 0.0, 0.1);
+        sum += n(scene.view.color.gain[c], 1.0, 0.1) + n(scene.view.color.offset[c], 0.0, 0.1);
     }
-    sum += n(scene.color.contrast, 1.0, 0.1);
-    for &c in scene.shape.iter().chain(&scene.albedo) {
+    sum += n(scene.view.color.contrast, 1.0, 0.1);
+    for &c in scene.subject.shape.iter().chain(&scene.subject.albedo) {
         sum += n(c, 0.0, 1.0);
     }
     sum
@@ -86,24 +86,24 @@ fn ln_target(scene: &Scene) -> f64 {
 fn statistics(scene: &Scene) -> Vec<f64> {
     let square = |x: f32| f64::from(x).powi(2);
     let mut s = vec![
-        f64::from(scene.pose.yaw),
-        square(scene.pose.yaw) + square(scene.pose.roll) + square(scene.pose.pitch),
-        square(scene.pose.translation[0]) + square(scene.pose.translation[1]),
-        f64::from(-scene.pose.translation[2]).ln(),
-        f64::from(scene.camera.focal_length).ln(),
-        f64::from(scene.camera.focal_length).ln().powi(2),
-        square(scene.camera.principal_point[0]) + square(scene.camera.principal_point[1]),
-        scene.light.iter().flatten().map(|&x| square(x)).sum(),
-        scene.light.iter().flatten().map(|&x| f64::from(x)).sum(),
-        f64::from(scene.light[0][0] - scene.light[0][2]),
-        scene.color.gain.iter().map(|&x| square(x)).sum(),
-        square(scene.color.contrast),
-        scene.shape.iter().map(|&x| square(x)).sum(),
-        scene.albedo.iter().map(|&x| square(x)).sum(),
-        square(scene.shape[0]).powi(2),
+        f64::from(scene.view.pose.yaw),
+        square(scene.view.pose.yaw) + square(scene.view.pose.roll) + square(scene.view.pose.pitch),
+        square(scene.view.pose.translation[0]) + square(scene.view.pose.translation[1]),
+        f64::from(-scene.view.pose.translation[2]).ln(),
+        f64::from(scene.view.camera.focal_length).ln(),
+        f64::from(scene.view.camera.focal_length).ln().powi(2),
+        square(scene.view.camera.principal_point[0]) + square(scene.view.camera.principal_point[1]),
+        scene.view.light.iter().flatten().map(|&x| square(x)).sum(),
+        scene.view.light.iter().flatten().map(|&x| f64::from(x)).sum(),
+        f64::from(scene.view.light[0][0] - scene.view.light[0][2]),
+        scene.view.color.gain.iter().map(|&x| square(x)).sum(),
+        square(scene.view.color.contrast),
+        scene.subject.shape.iter().map(|&x| square(x)).sum(),
+        scene.subject.albedo.iter().map(|&x| square(x)).sum(),
+        square(scene.subject.shape[0]).powi(2),
     ];
     for band in [0..1, 1..4, 4..9] {
-        s.push(scene.light[band].iter().flatten().map(|&x| square(x)).sum());
+        s.push(scene.view.light[band].iter().flatten().map(|&x| square(x)).sum());
     }
     s
 }

@@ -34,23 +34,23 @@ fn small_mask() -> ModelBytes {
 /// A mask somewhere in the picture, turned, lit and coloured at random.
 fn random_scene(rng: &mut Rng) -> Scene {
     let mut scene = Scene::initial(SIDE as u32, SIDE as u32, 6, 5);
-    scene.pose.yaw = rng.normal_sd(0.4);
-    scene.pose.pitch = rng.normal_sd(0.3);
-    scene.pose.roll = rng.normal_sd(0.3);
-    scene.pose.scale = 1.0 + rng.normal_sd(0.05);
-    scene.pose.translation[0] = rng.normal_sd(15.0);
-    scene.pose.translation[1] = rng.normal_sd(15.0);
-    scene.camera.focal_length = 6.5 + rng.normal_sd(0.5);
-    scene.camera.principal_point = [rng.normal_sd(0.05), rng.normal_sd(0.05)];
-    for number in scene.light.iter_mut().flatten() {
+    scene.view.pose.yaw = rng.normal_sd(0.4);
+    scene.view.pose.pitch = rng.normal_sd(0.3);
+    scene.view.pose.roll = rng.normal_sd(0.3);
+    scene.view.pose.scale = 1.0 + rng.normal_sd(0.05);
+    scene.view.pose.translation[0] = rng.normal_sd(15.0);
+    scene.view.pose.translation[1] = rng.normal_sd(15.0);
+    scene.view.camera.focal_length = 6.5 + rng.normal_sd(0.5);
+    scene.view.camera.principal_point = [rng.normal_sd(0.05), rng.normal_sd(0.05)];
+    for number in scene.view.light.iter_mut().flatten() {
         *number += rng.normal_sd(0.05);
     }
     for channel in 0..3 {
-        scene.color.gain[channel] += rng.normal_sd(0.1);
-        scene.color.offset[channel] += rng.normal_sd(0.02);
+        scene.view.color.gain[channel] += rng.normal_sd(0.1);
+        scene.view.color.offset[channel] += rng.normal_sd(0.02);
     }
-    scene.color.contrast += rng.normal_sd(0.1);
-    for c in scene.shape.iter_mut().chain(&mut scene.albedo) {
+    scene.view.color.contrast += rng.normal_sd(0.1);
+    for c in scene.subject.shape.iter_mut().chain(&mut scene.subject.albedo) {
         *c = rng.normal_sd(1.0);
     }
     scene
@@ -67,8 +67,8 @@ impl Instance {
     fn new(model: &Model<'_>, scene: &Scene) -> Self {
         let quads = || vec![[0.0; 4]; padded(model.vertices())];
         let (mut positions, mut normals, mut albedo) = (quads(), quads(), quads());
-        model.shape.instance(&scene.shape, &mut positions);
-        model.albedo.instance(&scene.albedo, &mut albedo);
+        model.shape.instance(&scene.subject.shape, &mut positions);
+        model.albedo.instance(&scene.subject.albedo, &mut albedo);
         vertex_normals(model.triangles, &positions, &mut normals);
         Self { positions, normals, albedo }
     }
@@ -140,15 +140,15 @@ fn a_vertex_before_the_near_plane_has_no_place_in_the_window() {
     let model = bytes.model();
     let mut scene = Scene::initial(64, 64, 0, 0);
     // The middle of the mask is 100 mm before its origin, and behind the camera.
-    scene.pose.translation[2] = -60.0;
+    scene.view.pose.translation[2] = -60.0;
     let instance = Instance::new(&model, &scene);
     let mut window = vec![[0.0; 4]; padded(model.vertices())];
     project(&scene, &instance.positions, &mut window);
     let mut before = 0;
     for (v, corner) in window.iter().enumerate().take(model.vertices()) {
-        let distance = -scene.pose.to_world(xyz(instance.positions[v]))[2];
+        let distance = -scene.view.pose.to_world(xyz(instance.positions[v]))[2];
         let hidden = corner[0].is_nan() && corner[1].is_nan();
-        assert_eq!(hidden, !(distance > scene.camera.near), "{distance}");
+        assert_eq!(hidden, !(distance > scene.view.camera.near), "{distance}");
         before += usize::from(hidden);
     }
     assert!(before > 0 && before < model.vertices());

@@ -12,7 +12,7 @@ use onescan_core::search::{self, ModeSearch, Options};
 
 fn stages(criterion: &mut Criterion) {
     let workload = Workload::new(&mut |_| ()).expect("built in");
-    let mut memory = vec![0; Stages::words(workload.scene.camera.image_size)];
+    let mut memory = vec![0; Stages::words(workload.scene.view.camera.image_size)];
     let mut stages = Stages::new(&workload, &mut memory).expect("sized for the picture");
     for stage in Stage::ALL {
         let mut group = criterion.benchmark_group(stage.name());

@@ -29,7 +29,7 @@ use onescan_core::proposal::Touched;
 use onescan_core::render::rasterize::{Frame, frame_words};
 use onescan_core::render::shade::{self, Attributes, Planes, Shader};
 use onescan_core::rng::Rng;
-use onescan_core::scene::{Coefficients, Scene};
+use onescan_core::scene::{Coefficients, Scene, Subject, View};
 use onescan_core::search::{self, ModeSearch, Options};
 use serde::{Serialize, Serializer};
 use std::fmt;
@@ -88,15 +88,15 @@ impl Workload {
         let mut rng = Rng::new(SEED, 0);
         let mut coefficients = |rank| Coefficients::from_iter(random_coefficients(rank, &mut rng));
         let (shape, albedo) = (coefficients(config.shape_rank), coefficients(config.albedo_rank));
-        let mut scene = Scene { shape, albedo, ..Scene::initial(SIZE[0], SIZE[1], 0, 0) };
-        scene.pose.yaw = 15_f32.to_radians();
+        let subject = Subject { shape, albedo };
+        let mut scene = Scene { subject, view: View::initial(SIZE[0], SIZE[1]) };
+        scene.view.pose.yaw = 15_f32.to_radians();
         demo::random_light(&mut scene, &mut rng);
         let covered = frame(&model, &mut scene)?;
 
-        let mesh = render::instance(&model, &scene.shape, &scene.albedo);
+        let mesh = render::instance(&model, &scene.subject.shape, &scene.subject.albedo);
         let rigid = layout::rigid(&mesh, &demo::template()?.1)?;
-        let seen =
-            Scene { shape: Coefficients::new(), albedo: Coefficients::new(), ..scene.clone() };
+        let seen = Scene { subject: Subject::default(), view: scene.view };
         let (picture, landmarks) =
             demo::synthetic_photo(&rigid.view(), &seen, 0.02, &demo::FIT_LANDMARKS, &mut rng)?;
         Ok(Self { model: owned, scene, picture, landmarks, covered })
@@ -123,7 +123,7 @@ impl Workload {
 
 /// Zooms until the model covers [`COVERED`] of the picture; returns how much it then covers.
 fn frame(model: &Model<'_>, scene: &mut Scene) -> Result<f64> {
-    let [width, height] = scene.camera.image_size.map(|side| side as usize);
+    let [width, height] = scene.view.camera.image_size.map(|side| side as usize);
     let mut memory = vec![0; draw_words(model.vertices(), width, height)];
     let mut pixels = vec![[0.0; 3]; width * height];
     let mut covered = |scene: &Scene| {
@@ -134,7 +134,7 @@ fn frame(model: &Model<'_>, scene: &mut Scene) -> Result<f64> {
         Ok(count as f64 / (width * height) as f64)
     };
     for _ in 0..3 {
-        scene.camera.focal_length *= (COVERED / covered(scene)?).sqrt() as f32;
+        scene.view.camera.focal_length *= (COVERED / covered(scene)?).sqrt() as f32;
     }
     covered(scene)
 }
@@ -301,7 +301,9 @@ impl<'w> Stages<'w> {
         let (model, scene, b) = (&self.model, &self.workload.scene, &mut self.fast);
         let engine = self.engine;
         match stage {
-            Stage::Instance => (engine.instance)(&model.shape, &scene.shape, &mut b.positions),
+            Stage::Instance => {
+                (engine.instance)(&model.shape, &scene.subject.shape, &mut b.positions);
+            }
             Stage::Normals => {
                 (engine.normals)(model.triangles, &b.positions, &mut b.normals);
             }
@@ -316,7 +318,7 @@ impl<'w> Stages<'w> {
                 self.run(Stage::Shade);
             }
             Stage::Render => {
-                (engine.instance)(&model.albedo, &scene.albedo, &mut b.albedo);
+                (engine.instance)(&model.albedo, &scene.subject.albedo, &mut b.albedo);
                 self.run(Stage::Instance);
                 self.run(Stage::Normals);
                 self.fast.join();
@@ -343,7 +345,9 @@ impl<'w> Stages<'w> {
     pub fn run_naive(&mut self, stage: Stage) -> Option<()> {
         let (model, scene, b) = (&self.model, &self.workload.scene, &mut self.slow);
         match stage {
-            Stage::Instance => naive::instance(&model.shape, &scene.shape, &mut b.positions),
+            Stage::Instance => {
+                naive::instance(&model.shape, &scene.subject.shape, &mut b.positions);
+            }
             Stage::Normals => naive::vertex_normals(model, &b.positions, &mut b.normals),
             Stage::Project => naive::project(scene, &b.positions, &mut b.window),
             Stage::Rasterize => return None,
@@ -356,7 +360,7 @@ impl<'w> Stages<'w> {
                 naive::draw(model, scene, vertices, &mut self.depth, &mut self.pixels);
             }
             Stage::Render => {
-                naive::instance(&model.albedo, &scene.albedo, &mut b.albedo);
+                naive::instance(&model.albedo, &scene.subject.albedo, &mut b.albedo);
                 for part in [Stage::Instance, Stage::Normals, Stage::Draw] {
                     self.run_naive(part)?;
                 }

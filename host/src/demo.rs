@@ -132,7 +132,7 @@ fn rendered_identity(seed: u64) -> Result<(Picture, Tlms)> {
     let model = layout::rigid(&mesh, &landmarks)?;
     let mut rng = Rng::new(seed, 0x1d);
     let mut scene = Scene::initial(256, 256, 0, 0);
-    scene.pose.yaw = 30_f32.to_radians();
+    scene.view.pose.yaw = 30_f32.to_radians();
     random_light(&mut scene, &mut rng);
     synthetic_photo(&model.view(), &scene, 0.02, &FIT_LANDMARKS, &mut rng)
 }
@@ -140,7 +140,7 @@ fn rendered_identity(seed: u64) -> Result<(Picture, Tlms)> {
 /// Changes a frontal light at random: direction and softness for all channels alike, a little
 /// tint for each.
 pub fn random_light(scene: &mut Scene, rng: &mut Rng) {
-    for (i, coefficient) in scene.light.iter_mut().enumerate() {
+    for (i, coefficient) in scene.view.light.iter_mut().enumerate() {
         let [common, tint] = match i {
             0 => [0.0, 0.03],
             1..4 => [0.12, 0.02],
@@ -166,7 +166,7 @@ pub fn synthetic_photo(
     rng: &mut Rng,
 ) -> Result<(Picture, Tlms)> {
     const LANDMARK_ERROR: f32 = 2.0;
-    let [width, height] = scene.camera.image_size;
+    let [width, height] = scene.view.camera.image_size;
     let phase: [f32; 3] = std::array::from_fn(|_| rng.uniform() as f32 * 6.0);
     let background = Picture::from_fn(width, height, |x, y| {
         let (x, y) = (x as f32 / width as f32, y as f32 / height as f32);
@@ -186,7 +186,8 @@ pub fn synthetic_photo(
             let vertex = model
                 .landmark(id)
                 .ok_or_else(|| Error::new(format_args!("the model has no landmark {id}")))?;
-            let (x, y, _) = scene.camera.project(scene.pose.to_world(points[vertex as usize]));
+            let (x, y, _) =
+                scene.view.camera.project(scene.view.pose.to_world(points[vertex as usize]));
             Ok(Landmark2 {
                 id: id.into(),
                 visible: true,

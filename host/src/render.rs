@@ -20,7 +20,7 @@ pub const GROUND: [u8; 3] = [255; 3];
 /// # Errors
 /// A background of another size.
 pub fn draw_over(model: &Model<'_>, scene: &Scene, background: &Picture) -> Result<Picture> {
-    let [width, height] = scene.camera.image_size;
+    let [width, height] = scene.view.camera.image_size;
     let mut pixels = background.to_unit();
     let words = draw::draw_words(model.vertices(), width as usize, height as usize);
     let mut memory = vec![0; words];
@@ -35,7 +35,7 @@ pub fn draw_over(model: &Model<'_>, scene: &Scene, background: &Picture) -> Resu
 
 /// Draws the model over a plain colour.
 pub fn draw_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
-    let [width, height] = scene.camera.image_size;
+    let [width, height] = scene.view.camera.image_size;
     let background = Picture::filled(width, height, ground);
     // The background was made to the camera's size.
     draw_over(model, scene, &background).unwrap_or(background)
@@ -49,8 +49,8 @@ pub fn draw_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
 pub fn draw_mesh(mesh: &Mesh, scene: &Scene, ground: [u8; 3]) -> Result<Picture> {
     let rigid = layout::rigid(mesh, &[])?;
     let mut scene = scene.clone();
-    scene.shape.clear();
-    scene.albedo.clear();
+    scene.subject.shape.clear();
+    scene.subject.albedo.clear();
     Ok(draw_on(&rigid.view(), &scene, ground))
 }
 
@@ -86,12 +86,12 @@ pub fn portrait(model: &Model<'_>, size: [u32; 2], yaw: f32, pitch: f32) -> Scen
     let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * (low[i] + high[i]));
     let half = (0..3).map(|i| 0.5 * (high[i] - low[i])).fold(1e-3, f32::max);
     let mut scene = Scene::initial(size[0], size[1], 0, 0);
-    scene.pose = Pose { yaw, pitch, ..Pose::AWAY_1M };
+    scene.view.pose = Pose { yaw, pitch, ..Pose::AWAY_1M };
     // Ten half-sizes away, the reference engine's 7.5 mm lens sees 1.33 half-sizes each way.
     let turned =
-        scene.pose.rotation().map(|r| r[0] * centre[0] + r[1] * centre[1] + r[2] * centre[2]);
-    scene.pose.translation = [-turned[0], -turned[1], -turned[2] - 10.0 * half];
-    scene.camera = Camera { focal_length: 8.8, near: half, ..scene.camera };
+        scene.view.pose.rotation().map(|r| r[0] * centre[0] + r[1] * centre[1] + r[2] * centre[2]);
+    scene.view.pose.translation = [-turned[0], -turned[1], -turned[2] - 10.0 * half];
+    scene.view.camera = Camera { focal_length: 8.8, near: half, ..scene.view.camera };
     scene
 }
 

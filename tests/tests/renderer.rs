@@ -18,12 +18,12 @@ fn pixels_are_the_naive_twins_except_on_silhouettes() {
     let mut rng = Rng::new(3, 0);
     for number in 0..8 {
         let mut scene = Scene::initial(SIDE as u32, SIDE as u32, 20, 20);
-        for c in scene.shape.iter_mut().chain(&mut scene.albedo) {
+        for c in scene.subject.shape.iter_mut().chain(&mut scene.subject.albedo) {
             *c = rng.normal() as f32;
         }
-        scene.pose.yaw = rng.normal_sd(0.5);
-        scene.pose.pitch = rng.normal_sd(0.2);
-        scene.pose.roll = rng.normal_sd(0.2);
+        scene.view.pose.yaw = rng.normal_sd(0.5);
+        scene.view.pose.pitch = rng.normal_sd(0.2);
+        scene.view.pose.roll = rng.normal_sd(0.2);
         random_light(&mut scene, &mut rng);
 
         let mut fast = vec![[f32::NAN; 3]; SIDE * SIDE];
@@ -32,9 +32,9 @@ fn pixels_are_the_naive_twins_except_on_silhouettes() {
 
         let quads = || vec![[0.0; 4]; padded(model.vertices())];
         let (mut positions, mut normals, mut albedo) = (quads(), quads(), quads());
-        model.shape.instance(&scene.shape, &mut positions);
+        model.shape.instance(&scene.subject.shape, &mut positions);
         naive::vertex_normals(&model, &positions, &mut normals);
-        model.albedo.instance(&scene.albedo, &mut albedo);
+        model.albedo.instance(&scene.subject.albedo, &mut albedo);
         let mut slow = vec![[f32::NAN; 3]; SIDE * SIDE];
         let mut depth = vec![0.0; SIDE * SIDE];
         naive::draw(&model, &scene, [&positions, &normals, &albedo], &mut depth, &mut slow);

@@ -169,7 +169,7 @@ fn parameters(model: &Model<'_>, path: &Path) -> (Vec<f32>, Vec<f32>) {
     let Ending::Done(fit) = job.run(None, &Control { stop: &stop, steps: &steps }).unwrap() else {
         panic!("nobody stopped the fit");
     };
-    (fit.best.scene.shape.to_vec(), fit.best.scene.albedo.to_vec())
+    (fit.best.scene.subject.shape.to_vec(), fit.best.scene.subject.albedo.to_vec())
 }
 
 /// Prints how often the nearest of all faces at 0° is the same person's, by the cosine of

@@ -138,7 +138,7 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize, schedule: Schedule
     let mut rng = Rng::new(1000 + number as u64, 0);
     let mut scene = Scene::initial(256, 256, 0, 0);
     let side = if (number / YAWS.len()).is_multiple_of(2) { 1.0 } else { -1.0 };
-    scene.pose.yaw = side * YAWS[number % YAWS.len()].to_radians();
+    scene.view.pose.yaw = side * YAWS[number % YAWS.len()].to_radians();
     random_light(&mut scene, &mut rng);
     let (photo, landmarks) =
         synthetic_photo(&rigid.view(), &scene, 0.02, &FIT_LANDMARKS, &mut rng).unwrap();
@@ -168,7 +168,8 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize, schedule: Schedule
 }
 
 fn errors(model: &Model<'_>, fit: &Fit, truth: &Mesh) -> Errors {
-    let found = render::instance(model, &fit.best.scene.shape, &fit.best.scene.albedo);
+    let found =
+        render::instance(model, &fit.best.scene.subject.shape, &fit.best.scene.subject.albedo);
     let [shape, form] = distances_after_alignment(&found.points, &truth.points);
     Errors {
         landmarks: fit.best_quality.landmark_rmse,

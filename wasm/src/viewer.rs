@@ -10,7 +10,7 @@ use onescan::render;
 use onescan_core::color::ColorTransform;
 use onescan_core::light::{Light, ambient_diffuse, ambient_white, frontal};
 use onescan_core::rng::Rng;
-use onescan_core::scene::{Coefficients, MAX_RANK, Scene};
+use onescan_core::scene::{Coefficients, MAX_RANK, Scene, Subject, View};
 use std::rc::Rc;
 use wasm_bindgen::prelude::*;
 
@@ -71,7 +71,7 @@ impl Viewer {
     /// The face of a fit.
     pub fn adopt(&mut self, fitted: &Fitted) {
         let scene = &fitted.summary.parameters;
-        self.set(&scene.shape, &scene.albedo);
+        self.set(&scene.subject.shape, &scene.subject.albedo);
     }
 
     /// Light by name: `front`, `left`, `right`, `above`, `even`.
@@ -96,7 +96,7 @@ impl Viewer {
     #[wasm_bindgen(js_name = illuminateAs)]
     pub fn illuminate_as(&mut self, fitted: &Fitted) {
         let scene = &fitted.summary.parameters;
-        (self.light, self.color) = (scene.light, scene.color);
+        (self.light, self.color) = (scene.view.light, scene.view.color);
     }
 
     /// Draws it on a ground of one colour (`0xrrggbb`), turned by radians.
@@ -110,11 +110,11 @@ impl Viewer {
             Coefficients::from_slice(values).unwrap_or_default()
         };
         let scene = Scene {
-            light: self.light,
-            color: self.color,
-            shape: coefficients(&self.shape),
-            albedo: coefficients(&self.albedo),
-            ..portrait
+            subject: Subject {
+                shape: coefficients(&self.shape),
+                albedo: coefficients(&self.albedo),
+            },
+            view: View { light: self.light, color: self.color, ..portrait.view },
         };
         Pixels(render::draw_on(model, &scene, [r, g, b]))
     }
@@ -127,7 +127,7 @@ impl Viewer {
         let scene = render::portrait(model, [width, height], yaw, pitch);
         let mean = render::instance(model, &[], &[]);
         let point = mean.points.get(vertex as usize).copied().unwrap_or_default();
-        let (x, y, _) = scene.camera.project(scene.pose.to_world(point));
+        let (x, y, _) = scene.view.camera.project(scene.view.pose.to_world(point));
         vec![x, y]
     }
 

@@ -203,10 +203,10 @@ impl<'a, 'w> Chain<'a, 'w> {
         let size = [problem.image.width, problem.image.height];
         let scenes = [&checkpoint.state.scene, &checkpoint.best.scene];
         if scenes.iter().any(|scene| {
-            scene.camera.image_size != size
-                || scene.shape.len() > problem.model.shape.rank()
-                || scene.albedo.len() > problem.model.albedo.rank()
-                || scene.shape.len() > problem.config.shape_rank
+            scene.view.camera.image_size != size
+                || scene.subject.shape.len() > problem.model.shape.rank()
+                || scene.subject.albedo.len() > problem.model.albedo.rank()
+                || scene.subject.shape.len() > problem.config.shape_rank
         }) || usize::from(checkpoint.phase) >= problem.schedule.phases.len()
         {
             return Err(ChainError::Checkpoint);
@@ -238,8 +238,8 @@ impl<'a, 'w> Chain<'a, 'w> {
         let scene = &progress.state.scene;
         let applies = |branch: &Branch| {
             let rank = match branch.kind.part() {
-                Some(Part::Shape) => scene.shape.len(),
-                Some(Part::Albedo) => scene.albedo.len(),
+                Some(Part::Shape) => scene.subject.shape.len(),
+                Some(Part::Albedo) => scene.subject.albedo.len(),
                 None => 1,
             };
             rank > 0
@@ -412,7 +412,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's
     /// state.
     pub fn quality(&mut self, scene: &Scene) -> Quality {
-        let points = self.target.landmarks.points(&scene.shape);
+        let points = self.target.landmarks.points(&scene.subject.shape);
         let new = Proposed { problem: self.target.problem, scene, touched: Touched::ALL };
         self.target.pipeline.update(&new);
         let (covered, pixel_rmse) = self.target.pipeline.rmse(&new);

@@ -108,7 +108,7 @@ impl<'w> Pipeline<'w> {
             self.overwritten = self.overwritten.with(touched);
         }
         if touched.shape {
-            (engine.instance)(&model.shape, &scene.shape, self.positions.spare());
+            (engine.instance)(&model.shape, &scene.subject.shape, self.positions.spare());
             let positions = self.positions.pick(true);
             (engine.normals)(model.triangles, positions, self.window);
             match self.attributes.both() {
@@ -120,7 +120,7 @@ impl<'w> Pipeline<'w> {
             }
         }
         if touched.albedo {
-            (engine.instance)(&model.albedo, &scene.albedo, self.window);
+            (engine.instance)(&model.albedo, &scene.subject.albedo, self.window);
             match self.attributes.both() {
                 (Some(current), spare) if !touched.shape => {
                     let normals = current.iter().copied().map(shade::normal_of);
@@ -203,7 +203,7 @@ impl<'w> Pipeline<'w> {
         points: u32,
         rng: &mut Rng,
     ) -> Option<Light> {
-        let rotation = scene.pose.rotation();
+        let rotation = scene.view.pose.rotation();
         let vertices = self.attributes.get();
         let chosen = (0..points).filter_map(|_| {
             let ([x, y], hit) = self.visible_pixel(rng)?;
@@ -220,7 +220,7 @@ impl<'w> Pipeline<'w> {
             let albedo = xyz(shade::albedo_of(at));
             Some(LitPoint { albedo, normal, target: self.target.color(x, y) })
         });
-        light::solve(chosen, &scene.color)
+        light::solve(chosen, &scene.view.color)
     }
 
     /// A random pixel of the box around what the current state shows; `None` where it shows

@@ -37,14 +37,14 @@ impl<'a> Photo<'a, '_> {
             self.pipeline.update(&new);
             image = self.pipeline.ln_likelihood(&new, none).unwrap_or(none);
         }
-        let points = self.landmarks.points(&scene.shape);
+        let points = self.landmarks.points(&scene.subject.shape);
         let landmarks = self.landmarks.ln_likelihood(scene, &points);
         [landmarks, self.problem.config.prior.ln_density(scene), image]
     }
 
     /// Makes a scene the current state.
     pub(super) fn begin(&mut self, scene: &Scene, looked_at: Factors) -> LnFactors {
-        self.points = self.landmarks.points(&scene.shape);
+        self.points = self.landmarks.points(&scene.subject.shape);
         let density = self.evaluate(scene, looked_at);
         if looked_at & IMAGE != 0 {
             self.pipeline.accept(Touched::ALL);
@@ -70,7 +70,7 @@ impl Target for Photo<'_, '_> {
 
     fn prepare(&mut self, k: usize, new: &New<'_, Self>) {
         match k {
-            0 if new.touched.shape => self.proposed = self.landmarks.points(&new.to.shape),
+            0 if new.touched.shape => self.proposed = self.landmarks.points(&new.to.subject.shape),
             2 => {
                 self.pipeline.restore(self.problem, new.from, new.touched);
                 let rendered = self.rendered(new.to, new.touched);
@@ -100,7 +100,7 @@ impl Target for Photo<'_, '_> {
             if looked_at & LANDMARKS != 0 {
                 core::mem::swap(&mut self.points, &mut self.proposed);
             } else {
-                self.points = self.landmarks.points(&new.to.shape);
+                self.points = self.landmarks.points(&new.to.subject.shape);
             }
         }
         if looked_at & IMAGE != 0 {
@@ -137,7 +137,7 @@ impl Surroundings for Photo<'_, '_> {
 
     fn solve_light(&mut self, scene: &mut Scene, points: u32, rng: &mut Rng) -> Option<()> {
         let triangles = self.problem.model.triangles;
-        scene.light = self.pipeline.solve_light(triangles, scene, points, rng)?;
+        scene.view.light = self.pipeline.solve_light(triangles, scene, points, rng)?;
         Some(())
     }
 }

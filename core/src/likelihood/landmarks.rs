@@ -118,12 +118,12 @@ impl<'w> Landmarks<'w> {
         scene: &'s Scene,
         points: &'s Points,
     ) -> impl Iterator<Item = (f64, bool)> + 's {
-        let rotation = scene.pose.rotation();
+        let rotation = scene.view.pose.rotation();
         points.iter().zip(&self.observed).map(move |(&p, (_, observed))| {
-            let world = scene.pose.to_world_by(&rotation, p);
-            let (u, v, d) = scene.camera.project(world);
+            let world = scene.view.pose.to_world_by(&rotation, p);
+            let (u, v, d) = scene.view.camera.project(world);
             let (du, dv) = (f64::from(u - observed[0]), f64::from(v - observed[1]));
-            (du * du + dv * dv, d > scene.camera.near)
+            (du * du + dv * dv, d > scene.view.camera.near)
         })
     }
 
@@ -134,7 +134,7 @@ impl<'w> Landmarks<'w> {
         points: &Points,
     ) -> impl Iterator<Item = LandmarkSample> {
         points.iter().zip(&self.observed).map(|(&point, &(vertex, observed))| {
-            let (u, v, _) = scene.camera.project(scene.pose.to_world(point));
+            let (u, v, _) = scene.view.camera.project(scene.view.pose.to_world(point));
             LandmarkSample { point, vertex, residual: [observed[0] - u, observed[1] - v] }
         })
     }

@@ -43,8 +43,8 @@ impl Default for Prior {
 impl Prior {
     /// Log prior density of a hypothesis; −∞ if it is not in front of the camera.
     pub fn ln_density(&self, scene: &Scene) -> f64 {
-        let distance = -f64::from(scene.pose.translation[2]);
-        if !(distance > 0.0) || !(scene.camera.focal_length > 0.0) {
+        let distance = -f64::from(scene.view.pose.translation[2]);
+        if !(distance > 0.0) || !(scene.view.camera.focal_length > 0.0) {
             return f64::NEG_INFINITY;
         }
         // Log-normal: the density of `ln D`, divided by `D`.
@@ -53,15 +53,15 @@ impl Prior {
             ln_normal(ln_d, math::ln(f64::from(self.distance)), f64::from(self.distance_sd)) - ln_d;
         let mut add =
             |x: f32, mean: f64, sd: f32| sum += ln_normal(f64::from(x), mean, f64::from(sd));
-        for x in scene.camera.principal_point {
+        for x in scene.view.camera.principal_point {
             add(x, 0.0, self.principal_point_sd);
         }
         for c in 0..3 {
-            add(scene.color.gain[c], 1.0, self.gain_sd);
-            add(scene.color.offset[c], 0.0, self.offset_sd);
+            add(scene.view.color.gain[c], 1.0, self.gain_sd);
+            add(scene.view.color.offset[c], 0.0, self.offset_sd);
         }
-        add(scene.color.contrast, 1.0, self.contrast_sd);
-        sum + ln_coefficients(&scene.shape) + ln_coefficients(&scene.albedo)
+        add(scene.view.color.contrast, 1.0, self.contrast_sd);
+        sum + ln_coefficients(&scene.subject.shape) + ln_coefficients(&scene.subject.albedo)
     }
 }
 

@@ -49,17 +49,17 @@ pub fn propose(
     // The principal point is additive in the picture, so shifting it by the difference holds the
     // landmark exactly; given everything else the shift is a translation, its Jacobian is one.
     let point = surroundings.centre(centre)?;
-    let project = |scene: &Scene| scene.camera.project(scene.pose.to_world(point));
+    let project = |scene: &Scene| scene.view.camera.project(scene.view.pose.to_world(point));
     let (u0, v0, d0) = project(scene);
     let ratio = apply(branch.kind, scene, rng, surroundings)?;
     let (u1, v1, d1) = project(scene);
-    let near = scene.camera.near;
+    let near = scene.view.camera.near;
     if !(d0 > near && d1 > near) {
         return None;
     }
-    let [width, height] = scene.camera.image_size.map(|side| side as f32);
-    scene.camera.principal_point[0] += 2.0 * (u0 - u1) / width;
-    scene.camera.principal_point[1] -= 2.0 * (v0 - v1) / height;
+    let [width, height] = scene.view.camera.image_size.map(|side| side as f32);
+    scene.view.camera.principal_point[0] += 2.0 * (u0 - u1) / width;
+    scene.view.camera.principal_point[1] -= 2.0 * (v0 - v1) / height;
     Some(ratio)
 }
 
@@ -70,17 +70,17 @@ fn apply(
     surroundings: &mut impl Surroundings,
 ) -> Option<f64> {
     match kind {
-        Move::Rotation { axis, sd } => pose::rotate(&mut scene.pose, axis, rng.normal_sd(sd)),
+        Move::Rotation { axis, sd } => pose::rotate(&mut scene.view.pose, axis, rng.normal_sd(sd)),
         Move::Distance { sd } => {
-            pose::change_distance(&mut scene.pose, &mut scene.camera, rng.normal_sd(sd))
+            pose::change_distance(&mut scene.view.pose, &mut scene.view.camera, rng.normal_sd(sd))
         }
-        Move::Scaling { sd } => pose::scale(&mut scene.camera, rng.normal_sd(sd)),
+        Move::Scaling { sd } => pose::scale(&mut scene.view.camera, rng.normal_sd(sd)),
         Move::Translation { sd } => {
             let shift = [rng.normal_sd(sd), rng.normal_sd(sd)];
-            pose::translate(&mut scene.pose, shift)
+            pose::translate(&mut scene.view.pose, shift)
         }
         Move::Color { gain_sd, contrast_sd, offset_sd } => {
-            color::perturb(&mut scene.color, gain_sd, contrast_sd, offset_sd, rng)
+            color::perturb(&mut scene.view.color, gain_sd, contrast_sd, offset_sd, rng)
         }
         Move::Gaussian { part, sd } => coefficients::add(coefficients_of(scene, part), sd, rng),
         Move::Single { part, sd } => {
@@ -89,11 +89,13 @@ fn apply(
         Move::Caricature { part, sd } => {
             coefficients::caricature(coefficients_of(scene, part), rng.normal_sd(sd))
         }
-        Move::LightSpatial { sd } => light::spatial(&mut scene.light, sd, rng),
-        Move::LightBands { sd } => light::bands(&mut scene.light, sd, rng),
-        Move::LightIntensity { sd } => light::intensity(&mut scene.light, 0.5 * rng.normal_sd(sd)),
-        Move::LightPerturbation { sd } => light::perturb(&mut scene.light, sd, rng),
-        Move::LightColor { sd } => light::tint(&mut scene.light, sd, rng),
+        Move::LightSpatial { sd } => light::spatial(&mut scene.view.light, sd, rng),
+        Move::LightBands { sd } => light::bands(&mut scene.view.light, sd, rng),
+        Move::LightIntensity { sd } => {
+            light::intensity(&mut scene.view.light, 0.5 * rng.normal_sd(sd))
+        }
+        Move::LightPerturbation { sd } => light::perturb(&mut scene.view.light, sd, rng),
+        Move::LightColor { sd } => light::tint(&mut scene.view.light, sd, rng),
         Move::SolveLight { points } => {
             surroundings.solve_light(scene, points, rng)?;
             Some(0.0)
@@ -103,7 +105,7 @@ fn apply(
 
 fn coefficients_of(scene: &mut Scene, part: Part) -> &mut [f32] {
     match part {
-        Part::Shape => &mut scene.shape,
-        Part::Albedo => &mut scene.albedo,
+        Part::Shape => &mut scene.subject.shape,
+        Part::Albedo => &mut scene.subject.albedo,
     }
 }

@@ -17,11 +17,11 @@ const SNAP: f32 = 49_152.0;
 /// corner passes for a front face, so nothing else has to look at the near plane.
 #[inline(always)]
 pub fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
-    let r = scene.pose.rotation();
-    let s = scene.pose.scale;
-    let t = scene.pose.translation;
-    let near = scene.camera.near;
-    let pixel = scene.camera.pixel_scale();
+    let r = scene.view.pose.rotation();
+    let s = scene.view.pose.scale;
+    let t = scene.view.pose.translation;
+    let near = scene.view.camera.near;
+    let pixel = scene.view.camera.pixel_scale();
     let m: [[f32; 3]; 3] = r.map(|row| row.map(|v| v * s));
     let batches = positions.as_chunks::<BATCH>().0;
     for (out, p) in window.as_chunks_mut::<BATCH>().0.iter_mut().zip(batches) {

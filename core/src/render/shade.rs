@@ -23,9 +23,9 @@ impl Shader {
     /// Takes what it needs from a hypothesis.
     pub fn new(scene: &Scene) -> Self {
         Self {
-            light: ModelLight::new(&scene.light, &scene.pose.rotation()),
-            mix: color_matrix(&scene.color),
-            offset: scene.color.offset,
+            light: ModelLight::new(&scene.view.light, &scene.view.pose.rotation()),
+            mix: color_matrix(&scene.view.color),
+            offset: scene.view.color.offset,
         }
     }
 

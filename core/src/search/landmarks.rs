@@ -39,7 +39,7 @@ pub(super) fn add_equations(
     system: &mut impl Equations,
 ) {
     let view = Window::new(scene);
-    let points = landmarks.points(&scene.shape);
+    let points = landmarks.points(&scene.subject.shape);
     for sample in landmarks.samples(scene, &points) {
         model.shape.at(sample.vertex, components);
         let [x, y] = sample.residual;

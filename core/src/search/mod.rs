@@ -121,7 +121,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
             }
         }
         let Some((_, scene)) = best else { return };
-        (self.scene.pose, self.scene.camera) = (scene.pose, scene.camera);
+        (self.scene.view.pose, self.scene.view.camera) = (scene.view.pose, scene.view.camera);
         self.rendered = false;
         self.initial.clone_from(&self.scene);
         self.energy.landmarks = self.landmark_energy(&self.scene);
@@ -130,10 +130,10 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
 
     /// The same from a face turned by `roll`, and its energy.
     fn find_pose_from(&mut self, roll: f32) -> (f64, Scene) {
-        let [width, height] = self.scene.camera.image_size;
+        let [width, height] = self.scene.view.camera.image_size;
         // Without coefficients there are few unknowns; nothing here pulls on light and colour.
         let mut scene = Scene::initial(width, height, 0, 0);
-        scene.pose.roll = roll;
+        scene.view.pose.roll = roll;
         let energy = |scene: &Scene, search: &Self| {
             search.landmark_energy(scene) + search.priors().energy(scene)
         };
@@ -251,7 +251,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
     }
 
     fn landmark_energy(&self, scene: &Scene) -> f64 {
-        let points = self.landmarks.points(&scene.shape);
+        let points = self.landmarks.points(&scene.subject.shape);
         let sd = self.problem.config.landmark_sd;
         landmarks::energy(&self.landmarks, scene, &points, sd)
     }

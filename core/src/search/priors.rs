@@ -70,11 +70,11 @@ pub(super) struct Priors<'a> {
 
 impl Priors<'_> {
     fn ln_distance(&self, scene: &Scene) -> f32 {
-        math::ln_f32(-scene.pose.translation[2] / self.prior.distance)
+        math::ln_f32(-scene.view.pose.translation[2] / self.prior.distance)
     }
 
     fn ln_focal(&self, scene: &Scene) -> f32 {
-        math::ln_f32(scene.camera.focal_length / self.focal_length)
+        math::ln_f32(scene.view.camera.focal_length / self.focal_length)
     }
 
     /// Standard deviation of an albedo coefficient.
@@ -95,27 +95,27 @@ impl Priors<'_> {
     /// Negative log density, up to a constant; infinite if the object is not before the camera.
     pub(super) fn energy(&self, scene: &Scene) -> f64 {
         let Self { prior, widths, .. } = self;
-        if !(scene.pose.translation[2] < 0.0) || !(scene.camera.focal_length > 0.0) {
+        if !(scene.view.pose.translation[2] < 0.0) || !(scene.view.camera.focal_length > 0.0) {
             return f64::INFINITY;
         }
-        let squares = sum_of_squares(&scene.shape);
+        let squares = sum_of_squares(&scene.subject.shape);
         let mut sum = 0.5 * f64::from(precision(widths.shape)) * squares
             + energy(self.ln_distance(scene), prior.distance_sd)
             + energy(self.ln_focal(scene), widths.focal);
-        for (i, &c) in scene.albedo.iter().enumerate() {
+        for (i, &c) in scene.subject.albedo.iter().enumerate() {
             sum += energy(c, self.albedo(i));
         }
         for axis in 0..2 {
-            sum += energy(scene.pose.translation[axis], widths.translation);
+            sum += energy(scene.view.pose.translation[axis], widths.translation);
         }
         for c in 0..3 {
-            sum += energy(scene.color.gain[c] - 1.0, prior.gain_sd)
-                + energy(scene.color.offset[c], prior.offset_sd);
+            sum += energy(scene.view.color.gain[c] - 1.0, prior.gain_sd)
+                + energy(scene.view.color.offset[c], prior.offset_sd);
         }
-        sum += energy(scene.color.contrast - 1.0, prior.contrast_sd);
+        sum += energy(scene.view.color.contrast - 1.0, prior.contrast_sd);
         let expected = light::frontal();
-        sum += energy(level(&scene.light) - level(&expected), widths.level);
-        for (i, (channels, expected)) in scene.light.iter().zip(expected).enumerate() {
+        sum += energy(level(&scene.view.light) - level(&expected), widths.level);
+        for (i, (channels, expected)) in scene.view.light.iter().zip(expected).enumerate() {
             let (intensity, chroma) = self.light(i);
             let mean = mean(*channels);
             sum += energy(mean - expected[0], intensity);
@@ -139,25 +139,25 @@ impl Priors<'_> {
             pull(system, 0.0, 0.0);
         }
         for axis in 0..2 {
-            let x = scene.pose.translation[axis];
+            let x = scene.view.pose.translation[axis];
             pull(system, precision(widths.translation), x);
         }
         pull(system, 0.0, 0.0);
         pull(system, precision(prior.distance_sd), self.ln_distance(scene));
-        for &c in scene.shape.iter().take(layout.shape_rank) {
+        for &c in scene.subject.shape.iter().take(layout.shape_rank) {
             pull(system, precision(widths.shape), c);
         }
-        for (i, &c) in scene.albedo.iter().enumerate().take(layout.albedo_rank) {
+        for (i, &c) in scene.subject.albedo.iter().enumerate().take(layout.albedo_rank) {
             pull(system, precision(self.albedo(i)), c);
         }
         for _ in 0..LIGHT {
             pull(system, 0.0, 0.0);
         }
-        for gain in scene.color.gain {
+        for gain in scene.view.color.gain {
             pull(system, precision(prior.gain_sd), gain - 1.0);
         }
-        pull(system, precision(prior.contrast_sd), scene.color.contrast - 1.0);
-        for offset in scene.color.offset {
+        pull(system, precision(prior.contrast_sd), scene.view.color.contrast - 1.0);
+        for offset in scene.view.color.offset {
             pull(system, precision(prior.offset_sd), offset);
         }
         // The logarithm of the focal length is the sum of two unknowns.
@@ -169,9 +169,9 @@ impl Priors<'_> {
                 *term = (layout.light() + 3 * i + c, weight * (1.0 / 3.0));
             }
         }
-        let above = level(&scene.light) - level(&expected);
+        let above = level(&scene.view.light) - level(&expected);
         couple(system, &terms, precision(widths.level), above);
-        for (i, (channels, expected)) in scene.light.iter().zip(expected).enumerate() {
+        for (i, (channels, expected)) in scene.view.light.iter().zip(expected).enumerate() {
             let (intensity, chroma) = self.light(i);
             let first = layout.light() + 3 * i;
             let third = 1.0 / 3.0;

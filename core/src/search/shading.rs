@@ -58,11 +58,11 @@ pub(super) struct Adjoint {
 
 impl Shading {
     pub(super) fn new(scene: &Scene) -> Self {
-        let rotation = scene.pose.rotation();
+        let rotation = scene.view.pose.rotation();
         Self {
-            light: ModelLight::new(&scene.light, &rotation),
-            mix: color_matrix(&scene.color),
-            color: scene.color,
+            light: ModelLight::new(&scene.view.light, &rotation),
+            mix: color_matrix(&scene.view.color),
+            color: scene.view.color,
             rotation,
         }
     }

@@ -356,7 +356,7 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
 
     /// The priors at work.
     pub(super) fn priors(&self) -> Priors<'a> {
-        let [width, height] = self.scene.camera.image_size;
+        let [width, height] = self.scene.view.camera.image_size;
         let focal_length = Camera::for_image(width, height).focal_length;
         Priors { prior: &self.problem.config.prior, widths: self.options.widths, focal_length }
     }

@@ -84,8 +84,8 @@ impl<'w> Surface<'w> {
 
     /// Computes everything of a scene's coefficients, pose and camera.
     pub(super) fn update(&mut self, model: &Model<'_>, engine: &Engine, scene: &Scene) {
-        (engine.instance)(&model.shape, sought(&scene.shape), self.positions);
-        (engine.instance)(&model.albedo, sought(&scene.albedo), self.albedo);
+        (engine.instance)(&model.shape, sought(&scene.subject.shape), self.positions);
+        (engine.instance)(&model.albedo, sought(&scene.subject.albedo), self.albedo);
         (engine.project)(scene, self.positions, self.window);
         self.normals.fill([0.0; 4]);
         for t in 0..model.triangles.len() {

@@ -52,24 +52,24 @@ impl Case {
         let (shape_rank, albedo_rank) = (model.shape.rank(), model.albedo.rank());
         let mut rng = Rng::new(seed, 0);
         let mut truth = Scene::initial(SIDE, SIDE, shape_rank, albedo_rank);
-        for c in truth.shape.iter_mut().chain(&mut truth.albedo) {
+        for c in truth.subject.shape.iter_mut().chain(&mut truth.subject.albedo) {
             *c = rng.normal_sd(0.7);
         }
-        truth.pose.yaw = 0.15;
-        truth.pose.pitch = -0.1;
-        truth.light[3][0] += 0.05;
+        truth.view.pose.yaw = 0.15;
+        truth.view.pose.pitch = -0.1;
+        truth.view.light[3][0] += 0.05;
         let mut memory = vec![0; draw::draw_words(model.vertices(), SIDE as usize, SIDE as usize)];
         let mut colors = vec![[0.1, 0.35, 0.2]; (SIDE * SIDE) as usize];
         draw::draw(&model, &truth, &mut memory, &mut colors).unwrap();
         let mut byte = |c: f32| (255.0 * c + rng.normal_sd(3.0)).clamp(0.0, 255.0) as u8;
         let pixels = colors.iter().map(|c| c.map(&mut byte)).collect();
         let mut positions = vec![[0.0; 4]; padded(model.vertices())];
-        model.shape.instance(&truth.shape, &mut positions);
+        model.shape.instance(&truth.subject.shape, &mut positions);
         let landmarks = model
             .landmarks()
             .map(|(name, vertex)| {
-                let world = truth.pose.to_world(xyz(positions[vertex as usize]));
-                let (u, v, _) = truth.camera.project(world);
+                let world = truth.view.pose.to_world(xyz(positions[vertex as usize]));
+                let (u, v, _) = truth.view.camera.project(world);
                 let name: &'static str = std::boxed::Box::leak(std::boxed::Box::from(name));
                 (name, [u, v])
             })
@@ -167,8 +167,8 @@ fn potential(
         let (corners, point) = search.point(&shading, hit).unwrap();
         sum += f64::from(dot(*gain, point.color));
         for (vertex, w) in corners.into_iter().zip(point.weights) {
-            let world = scene.pose.to_world(xyz(at(search.surface.positions, vertex)));
-            let (u, v, _) = scene.camera.project(world);
+            let world = scene.view.pose.to_world(xyz(at(search.surface.positions, vertex)));
+            let (u, v, _) = scene.view.camera.project(world);
             sum += f64::from(w) * f64::from(motion[0]) * f64::from(u);
             sum += f64::from(w) * f64::from(motion[1]) * f64::from(v);
         }
@@ -181,7 +181,7 @@ fn the_gradient_is_that_of_differences_in_every_block() {
     let case = Case::new(3);
     case.run(Options::default(), |search| {
         let mut rng = Rng::new(9, 0);
-        for c in search.scene.shape.iter_mut().chain(&mut search.scene.albedo) {
+        for c in search.scene.subject.shape.iter_mut().chain(&mut search.scene.subject.albedo) {
             *c = rng.normal_sd(0.5);
         }
         search.rendered = false;
@@ -238,7 +238,7 @@ fn the_gradient_is_what_small_steps_gain() {
         .collect();
     case.run(Options { open: Some(&open), ..Options::default() }, |search| {
         let mut rng = Rng::new(9, 0);
-        for c in search.scene.shape.iter_mut().chain(&mut search.scene.albedo) {
+        for c in search.scene.subject.shape.iter_mut().chain(&mut search.scene.subject.albedo) {
             *c = rng.normal_sd(0.5);
         }
         search.rendered = false;
@@ -368,11 +368,13 @@ fn a_face_of_the_model_is_found_again() {
         (search.scene().clone(), search.converged())
     });
     assert!(converged);
-    let [shape, albedo] =
-        [cosine(&scene.shape, &case.truth.shape), cosine(&scene.albedo, &case.truth.albedo)];
+    let [shape, albedo] = [
+        cosine(&scene.subject.shape, &case.truth.subject.shape),
+        cosine(&scene.subject.albedo, &case.truth.subject.albedo),
+    ];
     // One small picture shows little of the shape; that it goes the right way is what is asked.
     assert!(shape > 0.3 && albedo > 0.9, "{shape} {albedo}");
-    assert!((scene.pose.yaw - case.truth.pose.yaw).abs() < 0.05);
+    assert!((scene.view.pose.yaw - case.truth.view.pose.yaw).abs() < 0.05);
 }
 
 #[test]
@@ -384,7 +386,7 @@ fn another_start_changes_the_way_and_not_the_mode() {
             case.run(Options::default(), |search| {
                 // The pixels to be covered are counted once, by the landmarks' pose.
                 search.judge();
-                search.scene.pose.yaw += turn;
+                search.scene.view.pose.yaw += turn;
                 (search.rendered, search.judged) = (false, false);
                 while search.step().is_some() {}
                 (search.scene().clone(), search.energy().total())
@@ -393,7 +395,7 @@ fn another_start_changes_the_way_and_not_the_mode() {
         .into();
     for (scene, energy) in &modes[1..] {
         assert!((energy - modes[0].1).abs() < 1.0, "{energy} {}", modes[0].1);
-        for (a, b) in scene.shape.iter().zip(&modes[0].0.shape) {
+        for (a, b) in scene.subject.shape.iter().zip(&modes[0].0.subject.shape) {
             assert!((a - b).abs() < 0.25, "{a} {b}");
         }
     }
@@ -402,12 +404,12 @@ fn another_start_changes_the_way_and_not_the_mode() {
 #[test]
 fn a_face_is_found_whichever_way_up_it_is() {
     let mut case = Case::new(8);
-    let upright = case.run(Options::default(), |search| search.initial().pose);
+    let upright = case.run(Options::default(), |search| search.initial().view.pose);
     let last = SIDE as f32 - 1.0;
     for (_, [u, v]) in &mut case.landmarks {
         (*u, *v) = (last - *u, last - *v);
     }
-    let turned = case.run(Options::default(), |search| search.initial().pose);
+    let turned = case.run(Options::default(), |search| search.initial().view.pose);
     assert!((math::sin_cos(turned.roll - upright.roll).1 + 1.0).abs() < 1e-3, "{turned:?}");
 }
 
@@ -494,7 +496,13 @@ fn what_hides_the_face_does_not_bend_it() {
         }
     }
     let distance = |scene: &Scene| {
-        let d: f32 = scene.shape.iter().zip(&clean.shape).map(|(a, b)| (a - b) * (a - b)).sum();
+        let d: f32 = scene
+            .subject
+            .shape
+            .iter()
+            .zip(&clean.subject.shape)
+            .map(|(a, b)| (a - b) * (a - b))
+            .sum();
         math::sqrt(d)
     };
     let [robust, plain] = [true, false].map(|occlusion| {
@@ -515,17 +523,17 @@ fn priors_and_landmarks_pull_as_their_energies_fall() {
     case.run(Options::default(), |search| {
         let mut rng = Rng::new(2, 0);
         let mut scene = search.scene.clone();
-        for c in scene.shape.iter_mut().chain(&mut scene.albedo) {
+        for c in scene.subject.shape.iter_mut().chain(&mut scene.subject.albedo) {
             *c = rng.normal_sd(0.8);
         }
-        for l in scene.light.as_flattened_mut() {
+        for l in scene.view.light.as_flattened_mut() {
             *l += rng.normal_sd(0.1);
         }
-        scene.pose.translation = [30.0, -20.0, -900.0];
-        scene.camera.focal_length *= 1.2;
-        scene.color.gain = [1.03, 0.97, 1.01];
-        scene.color.contrast = 0.9;
-        scene.color.offset = [0.01, -0.02, 0.005];
+        scene.view.pose.translation = [30.0, -20.0, -900.0];
+        scene.view.camera.focal_length *= 1.2;
+        scene.view.color.gain = [1.03, 0.97, 1.01];
+        scene.view.color.contrast = 0.9;
+        scene.view.color.offset = [0.01, -0.02, 0.005];
         let layout = search.layout;
         let (n, priors) = (layout.len(), search.priors());
         let mut memory = vec![0.0; system_words(n)];
@@ -564,7 +572,7 @@ fn priors_and_landmarks_pull_as_their_energies_fall() {
             }
         }
         let mut expected = search.scene.clone();
-        expected.light = frontal();
+        expected.view.light = frontal();
         assert!(priors.energy(&scene) > priors.energy(&expected));
     });
 }

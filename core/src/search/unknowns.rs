@@ -79,21 +79,21 @@ pub struct Parts<'v> {
 /// Goes a step from a scene.
 pub fn advance(scene: &mut Scene, step: &Parts<'_>) {
     let [wx, wy, wz, tx, ty, zoom, recede] = *step.pose;
-    scene.pose.turn([wx, wy, wz]);
-    scene.pose.translation[0] += tx;
-    scene.pose.translation[1] += ty;
-    scene.pose.translation[2] *= math::exp_f32(recede);
-    scene.camera.focal_length *= math::exp_f32(zoom + recede);
+    scene.view.pose.turn([wx, wy, wz]);
+    scene.view.pose.translation[0] += tx;
+    scene.view.pose.translation[1] += ty;
+    scene.view.pose.translation[2] *= math::exp_f32(recede);
+    scene.view.camera.focal_length *= math::exp_f32(zoom + recede);
     let add = |to: &mut [f32], step: &[f32]| {
         for (x, d) in to.iter_mut().zip(step) {
             *x += d;
         }
     };
-    add(&mut scene.shape, step.shape);
-    add(&mut scene.albedo, step.albedo);
-    add(scene.light.as_flattened_mut(), step.light.as_flattened());
+    add(&mut scene.subject.shape, step.shape);
+    add(&mut scene.subject.albedo, step.albedo);
+    add(scene.view.light.as_flattened_mut(), step.light.as_flattened());
     let [r, g, b, contrast, offset @ ..] = &*step.color;
-    add(&mut scene.color.gain, &[*r, *g, *b]);
-    scene.color.contrast += *contrast;
-    add(&mut scene.color.offset, offset);
+    add(&mut scene.view.color.gain, &[*r, *g, *b]);
+    scene.view.color.contrast += *contrast;
+    add(&mut scene.view.color.offset, offset);
 }

@@ -16,10 +16,10 @@ pub(super) struct Window {
 impl Window {
     pub(super) fn new(scene: &Scene) -> Self {
         Self {
-            rotation: scene.pose.rotation(),
-            translation: scene.pose.translation,
-            scale: scene.pose.scale,
-            pixel: scene.camera.pixel_scale(),
+            rotation: scene.view.pose.rotation(),
+            translation: scene.view.pose.translation,
+            scale: scene.view.pose.scale,
+            pixel: scene.view.camera.pixel_scale(),
         }
     }
 

@@ -70,10 +70,10 @@ impl Render {
         };
         let scene = match fitted {
             Some(mut scene) => {
-                scene.pose.yaw += yaw;
-                scene.pose.pitch += pitch;
+                scene.view.pose.yaw += yaw;
+                scene.view.pose.pitch += pitch;
                 if let Some(size) = self.size {
-                    scene.camera = render::resize_camera(&scene.camera, size);
+                    scene.view.camera = render::resize_camera(&scene.view.camera, size);
                 }
                 scene
             }

@@ -45,7 +45,7 @@ pub fn run(
     let vertices = Vertex::all(&scan.points, &scan.colors);
     let template = layout::rigid(scan, &[])?;
     let mut scene = render::portrait(&template.view(), [SIDE; 2], 0.0, 0.0);
-    scene.light = ambient_white();
+    scene.view.light = ambient_white();
     let mut columns = Vec::new();
     for (index, named) in KERNELS.iter().enumerate() {
         let kernel = named.kernel(&Hyper::default(), mirror);

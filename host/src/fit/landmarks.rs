@@ -63,10 +63,10 @@ pub fn explain(
     let scene = search.initial().clone();
     let count = landmarks.len().max(1) as f64;
     let vertices: Vec<u32> = landmarks.iter().filter_map(|l| model.landmark(l.name)).collect();
-    let rotation = scene.pose.rotation();
+    let rotation = scene.view.pose.rotation();
     let cosine = |&v: &u32| {
         let normal = normal(model, v);
-        let point = scene.pose.to_world(model.shape.mean_at(v as usize));
+        let point = scene.view.pose.to_world(model.shape.mean_at(v as usize));
         let turned = rotation.map(|row| dot(row, normal));
         let lengths = (dot(turned, turned) * dot(point, point)).sqrt();
         if lengths > 0.0 { f64::from(-dot(turned, point) / lengths) } else { 0.0 }
@@ -144,7 +144,7 @@ pub fn check_sides(
         return Ok(());
     }
     // Names exchanged, a face whose y points up stands on its head.
-    let roll = other.scene.pose.roll;
+    let roll = other.scene.view.pose.roll;
     Err(Error::new(if roll.cos() > 0.7 {
         "left and right are exchanged: the points fit the model with their names the other way \
          round (left is the subject's left, on the right of a photo that is no selfie)"
@@ -193,7 +193,7 @@ pub fn crop_around(
 
 /// Pixels from where a scene shows a point of the model to a point of the picture.
 fn distance(scene: &Scene, point: [f32; 3], at: [f32; 2]) -> f64 {
-    let (u, v, _) = scene.camera.project(scene.pose.to_world(point));
+    let (u, v, _) = scene.view.camera.project(scene.view.pose.to_world(point));
     f64::from(u - at[0]).hypot(f64::from(v - at[1]))
 }
 
@@ -203,7 +203,7 @@ pub(super) fn compare(job: &Job<'_>, fit: &Fit, points: &[[f32; 3]]) -> Vec<Land
     let found = job.landmarks.visible().filter_map(|l| {
         let point = *points.get(job.model.landmark(&l.id)? as usize)?;
         let marked = [f64::from(l.x), f64::from(l.y)];
-        let (u, v, _) = scene.camera.project(scene.pose.to_world(point));
+        let (u, v, _) = scene.view.camera.project(scene.view.pose.to_world(point));
         let distance = distance(scene, point, fit.crop.to_crop(marked).map(|c| c as f32));
         Some(LandmarkFound {
             name: l.id.clone(),
@@ -227,7 +227,7 @@ pub(super) fn warnings(job: &Job<'_>, fit: &Fit, landmarks: &[LandmarkFound]) ->
         )
     });
     let mut all: Vec<String> = far.collect();
-    let yaw = fit.best.scene.pose.yaw.to_degrees();
+    let yaw = fit.best.scene.view.pose.yaw.to_degrees();
     if yaw.abs() > AWAY {
         all.push(format!(
             "the face looks away (yaw {yaw:.0}°); its other side is guessed, not seen"

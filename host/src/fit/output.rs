@@ -92,9 +92,10 @@ pub struct Masked {
 /// None for a fit of this job.
 pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
     let mut parameters = fit.best.scene.clone();
-    parameters.camera = fit.crop.camera_in_photo(&fit.best.scene.camera);
+    parameters.view.camera = fit.crop.camera_in_photo(&fit.best.scene.view.camera);
     let config = &job.config;
-    let mesh = render::instance(job.model, &fit.best.scene.shape, &fit.best.scene.albedo);
+    let mesh =
+        render::instance(job.model, &fit.best.scene.subject.shape, &fit.best.scene.subject.albedo);
     let landmarks = landmarks::compare(job, fit, &mesh.points);
     let summary = Summary {
         onescan: env!("CARGO_PKG_VERSION").into(),
@@ -190,7 +191,7 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary) -> Result<Pictures> {
     let crop = Crop { scaled_to: fit.crop.scaled_to.map(shown), ..fit.crop };
     let photo = crop.cut(job.photo)?;
     let mut scene = fit.best.scene.clone();
-    scene.camera.image_size = crop.scaled_to;
+    scene.view.camera.image_size = crop.scaled_to;
     let sides = SIDES.map(|yaw| side_view(job.model, &scene, yaw));
     let on_photo = render::draw_over(job.model, &scene, &photo)?;
     let masked = fit.mode.as_ref().map(|mode| masked(fit.crop, &mode.mask, &photo, &on_photo));
@@ -255,7 +256,7 @@ fn marked(
 /// The fitted face turned, upright, under frontal light.
 fn side_view(model: &Model<'_>, fitted: &Scene, yaw: f32) -> Picture {
     let portrait = render::portrait(model, [SIDE; 2], yaw, 0.0);
-    let scene = Scene { shape: fitted.shape.clone(), albedo: fitted.albedo.clone(), ..portrait };
+    let scene = Scene { subject: fitted.subject.clone(), view: portrait.view };
     render::draw_on(model, &scene, render::GROUND)
 }
 

@@ -8,7 +8,7 @@ use crate::fit::summary::check_scene;
 use crate::json;
 use onescan_core::color::ColorTransform;
 use onescan_core::light::{self, Light, ModelLight};
-use onescan_core::scene::{Camera, Coefficients, MAX_RANK, Pose, Scene};
+use onescan_core::scene::{Camera, Coefficients, MAX_RANK, Pose, Scene, Subject, View};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -67,7 +67,8 @@ impl Rps {
     /// # Errors
     /// A number that is not finite, naming the field.
     pub fn to_text(&self) -> Result<String> {
-        let Scene { pose, camera, light, color, shape, albedo } = &self.scene;
+        let Scene { subject: Subject { shape, albedo }, view } = &self.scene;
+        let View { pose, camera, light, color } = view;
         json::to_text(&File {
             pose: PoseJson {
                 scaling: pose.scale,
@@ -76,7 +77,7 @@ impl Rps {
                 yaw: pose.yaw,
                 pitch: pose.pitch,
             },
-            view: View::default(),
+            view: Eye::default(),
             camera: CameraJson {
                 focal_length: camera.focal_length,
                 principal_point: camera.principal_point,
@@ -118,7 +119,7 @@ struct Versioned {
 #[serde(rename_all = "camelCase")]
 struct File {
     pose: PoseJson,
-    view: View,
+    view: Eye,
     camera: CameraJson,
     environment_map: EnvironmentMap,
     #[serde(skip_deserializing)]
@@ -140,7 +141,7 @@ struct PoseJson {
 
 /// Pose of the camera: `X_eye = R⁻¹(X_world − t)`.
 #[derive(Default, PartialEq, Serialize, Deserialize)]
-struct View {
+struct Eye {
     translation: [f32; 3],
     roll: f32,
     yaw: f32,
@@ -237,7 +238,7 @@ impl File {
             })
         };
         let PoseJson { scaling: scale, translation, roll, yaw, pitch } = self.pose;
-        Ok(Scene {
+        let view = View {
             pose: Pose { scale, translation, roll, yaw, pitch },
             camera: Camera {
                 focal_length: self.camera.focal_length,
@@ -253,9 +254,12 @@ impl File {
                 contrast: self.color_transform.color_contrast,
                 offset: self.color_transform.offset,
             },
+        };
+        let subject = Subject {
             shape: coefficients("shape", &self.momo.shape)?,
             albedo: coefficients("color", &self.momo.color)?,
-        })
+        };
+        Ok(Scene { subject, view })
     }
 
     fn light(&self) -> Result<Light> {
@@ -273,7 +277,7 @@ impl File {
     }
 }
 
-impl View {
+impl Eye {
     /// Makes the eye the origin of the world, where a [`Scene`] has it.
     ///
     /// With `R_v, t_v` of the view, `X_eye = R_vᵀ(R·sX + t − t_v)`: the pose becomes
@@ -284,21 +288,23 @@ impl View {
             return scene;
         }
         let Self { translation, roll, yaw, pitch } = *self;
-        let view = Pose { scale: 1.0, translation, roll, yaw, pitch }.rotation();
+        let eye = Pose { scale: 1.0, translation, roll, yaw, pitch }.rotation();
         let turned = |v: [f32; 3]| -> [f32; 3] {
-            std::array::from_fn(|i| view[0][i] * v[0] + view[1][i] * v[1] + view[2][i] * v[2])
+            std::array::from_fn(|i| eye[0][i] * v[0] + eye[1][i] * v[1] + eye[2][i] * v[2])
         };
-        let pose = scene.pose.rotation();
+        let Scene { subject, view } = scene;
+        let pose = view.pose.rotation();
         let columns: [[f32; 3]; 3] =
             std::array::from_fn(|j| turned([pose[0][j], pose[1][j], pose[2][j]]));
         let rotation = std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]));
         let (roll, yaw, pitch) = Pose::euler(&rotation);
-        let t = std::array::from_fn(|i| scene.pose.translation[i] - self.translation[i]);
-        Scene {
-            pose: Pose { translation: turned(t), roll, yaw, pitch, ..scene.pose },
-            light: turned_light(&scene.light, &view),
-            ..scene
-        }
+        let t = std::array::from_fn(|i| view.pose.translation[i] - self.translation[i]);
+        let view = View {
+            pose: Pose { translation: turned(t), roll, yaw, pitch, ..view.pose },
+            light: turned_light(&view.light, &eye),
+            ..view
+        };
+        Scene { subject, view }
     }
 }
 
@@ -332,11 +338,12 @@ mod tests {
 
     fn example() -> Rps {
         let mut scene = Scene::initial(640, 480, 2, 1);
-        scene.pose =
+        scene.view.pose =
             Pose { scale: 1.1, translation: [5.0, -7.0, -900.0], roll: 0.1, yaw: 0.3, pitch: -0.2 };
-        scene.light = std::array::from_fn(|i| [0.1 * i as f32, 0.3, -0.05 * i as f32]);
-        scene.color = ColorTransform { gain: [1.1, 0.9, 1.0], contrast: 0.8, offset: [0.01; 3] };
-        scene.shape[0] = -1.5;
+        scene.view.light = std::array::from_fn(|i| [0.1 * i as f32, 0.3, -0.05 * i as f32]);
+        scene.view.color =
+            ColorTransform { gain: [1.1, 0.9, 1.0], contrast: 0.8, offset: [0.01; 3] };
+        scene.subject.shape[0] = -1.5;
         Rps { scene, model_uri: "face.3dmm".into() }
     }
 
@@ -384,14 +391,14 @@ mod tests {
         }
         let Rps { scene, model_uri } = Rps::read(&path).unwrap();
         assert_eq!(model_uri, "modelPath1");
-        assert_eq!(scene.shape[..], [-1.0, 0.5, -0.25]);
-        assert_eq!(scene.albedo[..], [1.0, 0.0, 0.5]);
-        assert_eq!(scene.camera.image_size, [720, 480]);
+        assert_eq!(scene.subject.shape[..], [-1.0, 0.5, -0.25]);
+        assert_eq!(scene.subject.albedo[..], [1.0, 0.0, 0.5]);
+        assert_eq!(scene.view.camera.image_size, [720, 480]);
         // A model point goes where world pose and camera pose together take it.
         let world = Pose { roll: 0.125, yaw: -0.125, pitch: 0.25, ..Pose::AWAY_1M }
             .to_world([40., 30., 9.]);
         let view = Pose { roll: -0.125, yaw: 1.5, pitch: 0.75, ..Pose::AWAY_1M }.rotation();
-        let eye = scene.pose.to_world([40.0, 30.0, 9.0]);
+        let eye = scene.view.pose.to_world([40.0, 30.0, 9.0]);
         let t = [10.0, 20.0, 2000.0];
         for (i, w) in world.into_iter().enumerate() {
             let back = (0..3).map(|j| view[i][j] * eye[j]).sum::<f32>() + t[i];
@@ -442,8 +449,8 @@ mod tests {
         #[test]
         fn any_numbers_survive(numbers: [f32; 4]) {
             let mut rps = example();
-            rps.scene.pose.yaw = numbers[0];
-            rps.scene.color.offset = [numbers[1], numbers[2], numbers[3]];
+            rps.scene.view.pose.yaw = numbers[0];
+            rps.scene.view.color.offset = [numbers[1], numbers[2], numbers[3]];
             let finite = numbers.iter().all(|n| n.is_finite());
             match rps.to_text() {
                 Ok(text) => prop_assert_eq!(Rps::parse(&text).unwrap(), rps),

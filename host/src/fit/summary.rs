@@ -208,7 +208,7 @@ impl DemoSummary {
 /// Whether a scene that came from a file can be drawn: numbers finite, sizes positive.
 pub(crate) fn check_scene(scene: &Scene) -> Result<()> {
     json::check_finite(scene)?;
-    let camera = &scene.camera;
+    let camera = &scene.view.camera;
     let wrong = |field: &str, found: String, expected: &str| {
         Err(Error::new(format_args!("{field} is {found}, expected {expected}")))
     };
@@ -224,8 +224,8 @@ pub(crate) fn check_scene(scene: &Scene) -> Result<()> {
         let found = format!("{} to {}", camera.near, camera.far);
         return wrong("the range from near to far", found, "0 < near < far");
     }
-    if scene.pose.scale <= 0.0 {
-        return wrong("the pose's scale", scene.pose.scale.to_string(), "a positive number");
+    if scene.view.pose.scale <= 0.0 {
+        return wrong("the pose's scale", scene.view.pose.scale.to_string(), "a positive number");
     }
     Ok(())
 }
@@ -238,7 +238,7 @@ pub(crate) mod tests {
     pub(crate) fn example() -> Summary {
         let crop = Crop::around(&[[300.0, 200.0], [420.0, 330.0]], [800, 600], 2.2, 256).unwrap();
         let mut parameters = Scene::initial(800, 600, 3, 2);
-        parameters.shape[1] = -1.25;
+        parameters.subject.shape[1] = -1.25;
         let proposal = |stage, name: &str, proposed, accepted, search| Proposal {
             stage,
             name: name.into(),
@@ -327,9 +327,11 @@ pub(crate) mod tests {
             Summary::parse(&text.replacen(from, to, 1)).unwrap_err().to_string()
         };
         assert!(error("\"seed\"", "\"sead\"").contains("missing field `seed`"));
-        assert!(error("\"roll\": 0.0", "\"roll\": \"x\"").starts_with("parameters.pose.roll: "));
+        assert!(
+            error("\"roll\": 0.0", "\"roll\": \"x\"").starts_with("parameters.view.pose.roll: ")
+        );
         let shape = error("-1.25", "1e99");
-        assert!(shape.starts_with("parameters.shape[1]: number out of range"), "{shape}");
+        assert!(shape.starts_with("parameters.subject.shape[1]: number out of range"), "{shape}");
         assert!(error("\"focal_length\": 7.5", "\"focal_length\": 0").contains("focal length"));
         assert!(Summary::parse(&text[..99]).is_err());
         assert!(Summary::parse(&(text.clone() + "x")).is_err());

@@ -416,7 +416,7 @@ fn traces(f: &mut impl Write, s: &Summary) -> fmt::Result {
 
 fn coefficients(f: &mut impl Write, scene: &Scene) -> fmt::Result {
     f.write_str("<h3>The model’s coefficients</h3>\n<div class=\"charts\">\n")?;
-    for (name, values) in [("Shape", &scene.shape), ("Colour", &scene.albedo)] {
+    for (name, values) in [("Shape", &scene.subject.shape), ("Colour", &scene.subject.albedo)] {
         let shown = &values[..values.len().min(SHOWN)];
         let description = format!("{name} coefficients in standard deviations");
         if let Some(svg) = charts::bars(&description, "component", shown) {

@@ -77,7 +77,7 @@ fn steps(s: &Summary) -> String {
 
 /// Pose, camera, light and colours in units people think in.
 pub(super) fn scene_facts(scene: &Scene) -> Rows {
-    let (pose, camera, color) = (&scene.pose, &scene.camera, &scene.color);
+    let (pose, camera, color) = (&scene.view.pose, &scene.view.camera, &scene.view.color);
     let [x, y, z] = pose.translation.map(f64::from);
     let diagonal =
         math::sqrt(camera.sensor[0] * camera.sensor[0] + camera.sensor[1] * camera.sensor[1]);
@@ -106,7 +106,8 @@ pub(super) fn scene_facts(scene: &Scene) -> Rows {
 
 /// Ambient brightness, and the direction and strength of the first-order light.
 fn light_in_words(scene: &Scene) -> String {
-    let brightness = |i: usize| -> f32 { (0..3).map(|c| LUMINANCE[c] * scene.light[i][c]).sum() };
+    let brightness =
+        |i: usize| -> f32 { (0..3).map(|c| LUMINANCE[c] * scene.view.light[i][c]).sum() };
     // Coefficients 1, 2, 3 are y, z, x; their basis functions at the unit axes are the factors.
     let x = brightness(3) * light::basis([1.0, 0.0, 0.0])[3];
     let y = brightness(1) * light::basis([0.0, 1.0, 0.0])[1];
@@ -146,18 +147,18 @@ mod tests {
     #[test]
     fn a_scene_is_described_in_human_units() {
         let mut scene = Scene::initial(720, 480, 0, 0);
-        scene.pose.yaw = -0.5;
-        scene.camera.focal_length = 50.0;
-        scene.camera.sensor = [36.0, 24.0];
+        scene.view.pose.yaw = -0.5;
+        scene.view.camera.focal_length = 50.0;
+        scene.view.camera.sensor = [36.0, 24.0];
         let half_left = [-0.5_f32.sqrt() * 0.3, 0.0, 0.5_f32.sqrt() * 0.3];
-        scene.light = light::ambient_diffuse([0.7; 3], [1.0; 3], half_left);
+        scene.view.light = light::ambient_diffuse([0.7; 3], [1.0; 3], half_left);
         let rows = scene_facts(&scene);
         assert_eq!(value(&rows, "Turned"), "28.6° to the picture’s left");
         assert_eq!(value(&rows, "Distance"), "1.00 m");
         assert_eq!(value(&rows, "Focal length"), "50 mm");
         let expected = "brightness 0.70 all around, 0.30 more from 45.0° left, 0.0°";
         assert_eq!(value(&rows, "Light"), expected);
-        scene.light = light::ambient_white();
+        scene.view.light = light::ambient_white();
         assert_eq!(value(&scene_facts(&scene), "Light"), "brightness 1.00 all around");
     }
 

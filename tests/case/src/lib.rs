@@ -245,9 +245,15 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     let model = model()?;
     let mut rng = Rng::new(SEED, 1);
     let mut scene = Scene::initial(SIDE as u32, SIDE as u32, RANK, RANK);
-    scene.pose.yaw = 0.4;
-    scene.pose.pitch = -0.1;
-    for c in scene.shape.iter_mut().chain(&mut scene.albedo).chain(scene.light.as_flattened_mut()) {
+    scene.view.pose.yaw = 0.4;
+    scene.view.pose.pitch = -0.1;
+    for c in scene
+        .subject
+        .shape
+        .iter_mut()
+        .chain(&mut scene.subject.albedo)
+        .chain(scene.view.light.as_flattened_mut())
+    {
         *c += rng.normal_sd(0.3);
     }
 
@@ -259,12 +265,12 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     let window = carver.quads(n)?;
     let mut frame = rasterize::Frame::carve(&mut carver, SIDE, SIDE)?;
 
-    (engine.instance)(&model.shape, &scene.shape, positions);
+    (engine.instance)(&model.shape, &scene.subject.shape, positions);
     let instance = hash(positions.as_flattened());
     (engine.normals)(model.triangles, positions, window);
     let normals = hash(window.as_flattened());
     set_normals(window, attributes);
-    (engine.instance)(&model.albedo, &scene.albedo, window);
+    (engine.instance)(&model.albedo, &scene.subject.albedo, window);
     let albedo = hash(window.as_flattened());
     set_albedo(window, attributes);
     (engine.project)(&scene, positions, window);

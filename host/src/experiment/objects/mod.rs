@@ -163,8 +163,8 @@ fn subject(kind: Kind, rng: &mut Rng) -> Result<Subject> {
     let side = if rng.uniform() < 0.5 { -1.0 } else { 1.0 };
     let yaw = side * (75.0 + 30.0 * (rng.uniform() as f32 - 0.5)).to_radians();
     let mut scene = render::portrait(&model, [SIDE; 2], yaw, 0.0);
-    scene.pose.pitch = rng.normal_sd(0.08);
-    scene.pose.roll = rng.normal_sd(0.06);
+    scene.view.pose.pitch = rng.normal_sd(0.08);
+    scene.view.pose.roll = rng.normal_sd(0.06);
     demo::random_light(&mut scene, rng);
     // Turned towards +x the subject shows its right.
     let hidden = if side > 0.0 { "left." } else { "right." };
@@ -202,7 +202,7 @@ fn fit(model: &OwnedModel, subject: &Subject, schedule: Schedule, seed: u64) -> 
     let truth: Vec<[f32; 3]> =
         animal.landmarks.iter().map(|l| animal.mesh.points[l.vertex as usize]).collect();
     let distance = |scene: Option<&Scene>| {
-        let shape = scene.map_or(&[][..], |scene| &scene.shape);
+        let shape = scene.map_or(&[][..], |scene| &scene.subject.shape);
         let points = render::instance(&model, shape, &[]).points;
         let at = |l: &Landmark| model.landmark(&l.name).map(|v| points[v as usize]);
         let found: Vec<[f32; 3]> = animal.landmarks.iter().filter_map(at).collect();

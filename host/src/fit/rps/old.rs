@@ -1,8 +1,8 @@
 //! Versions V1.0 to V3.0 of render parameters, as V4.0 says the same.
 
 use super::{
-    CameraJson, ColorJson, DirectionalLight, EnvironmentMap, File, ImageSize, Momo, PoseJson,
-    VERSION, View,
+    CameraJson, ColorJson, DirectionalLight, EnvironmentMap, Eye, File, ImageSize, Momo, PoseJson,
+    VERSION,
 };
 use crate::error::{Error, Result};
 use serde::Deserialize;
@@ -16,7 +16,7 @@ const V1_LIGHT: [usize; 9] = [0, 2, 3, 1, 7, 5, 4, 6, 8];
 #[serde(rename_all = "camelCase")]
 pub(super) struct V3 {
     pose: PoseJson,
-    view: View,
+    view: Eye,
     camera: CameraJson,
     illumination: Illumination,
     render_object: RenderObject,
@@ -83,7 +83,7 @@ struct PosedCamera {
     principal_point: [f64; 2],
     sensor_size: [f32; 2],
     #[serde(flatten)]
-    view: View,
+    view: Eye,
 }
 
 #[derive(Deserialize)]
@@ -196,7 +196,7 @@ impl RenderObject {
 
 impl PosedCamera {
     /// The camera, its principal point in the picture's coordinates, and its pose.
-    fn apart(self, image: &ImageSize) -> (CameraJson, View) {
+    fn apart(self, image: &ImageSize) -> (CameraJson, Eye) {
         let [x, y] = self.principal_point;
         let principal_point =
             [2.0 * x / f64::from(image.width), 2.0 * y / f64::from(image.height)].map(|c| c as f32);
@@ -237,11 +237,11 @@ mod tests {
     #[test]
     fn the_first_version_has_its_own_order_and_units() {
         let scene = Rps::parse(&first().to_string()).unwrap().scene;
-        assert_eq!(scene.light.map(|c| c[0]), [0.0, 2.0, 3.0, 1.0, 7.0, 5.0, 4.0, 6.0, 8.0]);
-        assert_eq!(scene.camera.sensor, [36.0, 24.0]);
-        assert_eq!(scene.camera.image_size, [160, 80]);
-        assert_eq!(scene.camera.principal_point, [0.1, 0.0]);
-        assert_eq!(scene.color.contrast, 0.5);
+        assert_eq!(scene.view.light.map(|c| c[0]), [0.0, 2.0, 3.0, 1.0, 7.0, 5.0, 4.0, 6.0, 8.0]);
+        assert_eq!(scene.view.camera.sensor, [36.0, 24.0]);
+        assert_eq!(scene.view.camera.image_size, [160, 80]);
+        assert_eq!(scene.view.camera.principal_point, [0.1, 0.0]);
+        assert_eq!(scene.view.color.contrast, 0.5);
     }
 
     #[test]
