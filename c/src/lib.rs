@@ -387,8 +387,9 @@ pub unsafe extern "C" fn onescan_start(
     // caller promises.
     unsafe {
         inputs.start(fit.cast::<Fit>(), |problem, settings, memory| {
-            let problem =
-                problem.with_schedule(Schedule::of(problem.landmarks)).with_lean(settings.lean);
+            let problem = problem
+                .with_schedule(Schedule::of(problem.photo.landmarks))
+                .with_lean(settings.lean);
             Chain::new(problem, settings.seed, 0, memory)
         })
     }

@@ -53,9 +53,9 @@ pub fn draw(
     shade::set_normals(window, attributes);
     (engine.instance)(&model.albedo, &scene.subject.albedo, window);
     shade::set_albedo(window, attributes);
-    (engine.project)(scene, positions, window);
+    (engine.project)(&scene.view, positions, window);
     (engine.rasterize)(model.triangles, window, &mut frame);
-    let shader = Shader::new(scene);
+    let shader = Shader::new(&scene.view);
     Some(match model.triangles {
         Triangles::U16(t) => fill(&frame, t, attributes, &shader, pixels, width),
         Triangles::U32(t) => fill(&frame, t, attributes, &shader, pixels, width),

@@ -14,7 +14,7 @@ use crate::model::Triangles;
 use crate::render::project;
 use crate::render::rasterize::{self, Frame};
 use crate::render::shade::Shader;
-use crate::scene::Scene;
+use crate::scene::View;
 use core::fmt;
 
 /// Four numbers of a vertex.
@@ -33,7 +33,7 @@ pub struct Engine {
     /// [`mesh::vertex_normals`].
     pub normals: fn(Triangles<'_>, &[Quad], &mut [Quad]),
     /// [`project::project`].
-    pub project: fn(&Scene, &[Quad], &mut [Quad]),
+    pub project: fn(&View, &[Quad], &mut [Quad]),
     /// [`rasterize::rasterize`].
     pub rasterize: fn(Triangles<'_>, &[Quad], &mut Frame<'_>),
     /// [`Coverage::of`].

@@ -9,7 +9,7 @@ use crate::math;
 use crate::model::Model;
 use crate::render::rasterize::Frame;
 use crate::render::shade::{self, Attributes};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, Scene, View};
 
 fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
@@ -60,21 +60,21 @@ pub fn vertex_normals(model: &Model<'_>, positions: &[[f32; 4]], normals: &mut [
 }
 
 /// Twin of [`crate::render::project::project`] without its grid: vertex by vertex.
-pub fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
+pub fn project(view: &View, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
     for (out, &position) in window.iter_mut().zip(positions) {
-        let world = scene.view.pose.to_world(xyz(position));
-        let (x, y, d) = scene.view.camera.project(world);
-        *out = [x, y, if d > scene.view.camera.near { 1.0 / d } else { 0.0 }, 0.0];
+        let world = view.pose.to_world(xyz(position));
+        let (x, y, d) = view.camera.project(world);
+        *out = [x, y, if d > view.camera.near { 1.0 / d } else { 0.0 }, 0.0];
     }
 }
 
 /// Twin of [`crate::render::shade::Shader::color`]: the normal turned to the world, every basis
 /// function evaluated.
-pub fn color(scene: &Scene, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
+pub fn color(view: &View, normal: [f32; 3], albedo: [f32; 3]) -> [f32; 3] {
     let world =
-        scene.view.pose.rotation().map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
-    let radiance = light::radiance(&scene.view.light, world);
-    scene.view.color.apply([0, 1, 2].map(|c| albedo[c] * radiance[c]))
+        view.pose.rotation().map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
+    let radiance = light::radiance(&view.light, world);
+    view.color.apply([0, 1, 2].map(|c| albedo[c] * radiance[c]))
 }
 
 /// Twin of [`crate::likelihood::pixels::residual`]'s shading: every visible pixel of a frame with
@@ -96,7 +96,7 @@ pub fn shade(
         let corners = corners.map(|i| vertices[i as usize]);
         let normal = blend(weights, corners.map(shade::normal_of));
         let albedo = blend(weights, corners.map(shade::albedo_of));
-        *pixel = color(scene, normalize(normal).map(|x| x as f32), albedo.map(|x| x as f32));
+        *pixel = color(&scene.view, normalize(normal).map(|x| x as f32), albedo.map(|x| x as f32));
     }
 }
 
@@ -156,7 +156,8 @@ pub fn draw(
                 let attribute =
                     |vertices: &[[f32; 4]]| blend(weights, corners.map(|v| vertices[v]));
                 let normal = normalize(attribute(normals)).map(|x| x as f32);
-                pixels[y * width + x] = color(scene, normal, attribute(albedo).map(|x| x as f32));
+                pixels[y * width + x] =
+                    color(&scene.view, normal, attribute(albedo).map(|x| x as f32));
             }
         }
     }

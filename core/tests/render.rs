@@ -122,8 +122,8 @@ fn window_is_the_twins_on_a_grid() {
     on_random_scenes(|model, scene, instance| {
         let mut fast = vec![[0.0; 4]; padded(model.vertices())];
         let mut slow = fast.clone();
-        project(scene, &instance.positions, &mut fast);
-        naive::project(scene, &instance.positions, &mut slow);
+        project(&scene.view, &instance.positions, &mut fast);
+        naive::project(&scene.view, &instance.positions, &mut slow);
         for (a, b) in fast.iter().zip(&slow).take(model.vertices()) {
             // Half a step of the grid, and the rounding of coordinates up to 128.
             assert!((a[0] - b[0]).abs() < 1.0 / 512.0 + 1e-4, "{a:?} is not {b:?}");
@@ -143,7 +143,7 @@ fn a_vertex_before_the_near_plane_has_no_place_in_the_window() {
     scene.view.pose.translation[2] = -60.0;
     let instance = Instance::new(&model, &scene);
     let mut window = vec![[0.0; 4]; padded(model.vertices())];
-    project(&scene, &instance.positions, &mut window);
+    project(&scene.view, &instance.positions, &mut window);
     let mut before = 0;
     for (v, corner) in window.iter().enumerate().take(model.vertices()) {
         let distance = -scene.view.pose.to_world(xyz(instance.positions[v]))[2];
@@ -157,10 +157,10 @@ fn a_vertex_before_the_near_plane_has_no_place_in_the_window() {
 #[test]
 fn colours_are_the_twins() {
     on_random_scenes(|_, scene, instance| {
-        let shader = Shader::new(scene);
+        let shader = Shader::new(&scene.view);
         for (&normal, &albedo) in instance.normals.iter().zip(&instance.albedo) {
             let a = shader.color(xyz(normal), xyz(albedo));
-            let b = naive::color(scene, xyz(normal), xyz(albedo));
+            let b = naive::color(&scene.view, xyz(normal), xyz(albedo));
             assert!((0..3).all(|i| (a[i] - b[i]).abs() < 3e-6), "{a:?} is not {b:?}");
         }
     });
@@ -236,13 +236,13 @@ fn image_likelihood_is_the_twins_and_a_floor_changes_no_decision() {
         let normals = carver.planes(SIDE, SIDE).expect("enough memory");
         let albedo = carver.planes(SIDE, SIDE).expect("enough memory");
         let mut window = vec![[0.0; 4]; padded(model.vertices())];
-        project(scene, &instance.positions, &mut window);
+        project(&scene.view, &instance.positions, &mut window);
         rasterize(model.triangles, &window, &mut frame);
         let coverage = Coverage::of(&frame, &target);
         let mut vertices = vec![[0.0; 8]; padded(model.vertices())];
         join(instance.normals.iter().copied(), instance.albedo.iter().copied(), &mut vertices);
         let surface = Surface { frame: &frame, triangles: model.triangles, vertices: &vertices };
-        let shader = Shader::new(scene);
+        let shader = Shader::new(&scene.view);
         let differ = |known, limit| residual(&surface, known, &shader, &target, limit);
         let whole = differ(Known::default(), f64::INFINITY).expect("nothing is above ∞");
         let fast = coverage.ln_likelihood(whole, SD);

@@ -97,7 +97,7 @@ fn mode(criterion: &mut Criterion) {
     let config = mode_config(Config::default().shape_rank);
     let (model, landmarks) = (workload.model.view(), workload.observations());
     let problem = workload.problem(&model, &landmarks, &config);
-    let mut memory = vec![0; search::words(&problem)];
+    let mut memory = vec![0; search::words(&problem, &Options::default())];
     let mut group = criterion.benchmark_group("search");
     group.sample_size(10);
     group.bench_function("fast", |b| {

@@ -307,7 +307,7 @@ impl<'w> Stages<'w> {
             Stage::Normals => {
                 (engine.normals)(model.triangles, &b.positions, &mut b.normals);
             }
-            Stage::Project => (engine.project)(scene, &b.positions, &mut b.window),
+            Stage::Project => (engine.project)(&scene.view, &b.positions, &mut b.window),
             Stage::Rasterize => (engine.rasterize)(model.triangles, &b.window, &mut self.frame),
             Stage::Shade => {
                 black_box(self.residual(Known::default()));
@@ -336,7 +336,7 @@ impl<'w> Stages<'w> {
 
     fn residual(&self, known: Known<'_>) -> f64 {
         let (surface, shader) =
-            (surface(&self.frame, &self.model, &self.fast), Shader::new(&self.workload.scene));
+            (surface(&self.frame, &self.model, &self.fast), Shader::new(&self.workload.scene.view));
         let limit = f64::INFINITY;
         (self.engine.residual)(&surface, known, &shader, &self.target, limit).unwrap_or(0.0)
     }
@@ -349,7 +349,7 @@ impl<'w> Stages<'w> {
                 naive::instance(&model.shape, &scene.subject.shape, &mut b.positions);
             }
             Stage::Normals => naive::vertex_normals(model, &b.positions, &mut b.normals),
-            Stage::Project => naive::project(scene, &b.positions, &mut b.window),
+            Stage::Project => naive::project(&scene.view, &b.positions, &mut b.window),
             Stage::Rasterize => return None,
             Stage::Shade => {
                 let vertices = &self.fast.attributes;
@@ -461,7 +461,7 @@ impl ModeTime {
         let config = mode_config(rank);
         let (model, landmarks) = (model.view(), workload.observations());
         let problem = workload.problem(&model, &landmarks, &config);
-        let mut memory = vec![0; search::words(&problem)];
+        let mut memory = vec![0; search::words(&problem, &Options::default())];
         let mut times = Vec::new();
         let mut samples = 0;
         for _ in 0..REPETITIONS {

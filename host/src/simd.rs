@@ -20,7 +20,7 @@ macro_rules! engine {
             use onescan_core::render::project;
             use onescan_core::render::rasterize::{self, Frame};
             use onescan_core::render::shade::{Planes, Shader};
-            use onescan_core::scene::Scene;
+            use onescan_core::scene::View;
 
             /// Only for processors that have the features.
             pub(super) static ENGINE: Engine = Engine {
@@ -37,7 +37,7 @@ macro_rules! engine {
                 normals: |triangles, positions, normals| unsafe {
                     vertex_normals(triangles, positions, normals);
                 },
-                project: |scene, positions, window| unsafe { project(scene, positions, window) },
+                project: |view, positions, window| unsafe { project(view, positions, window) },
                 rasterize: |triangles, window, frame| unsafe {
                     rasterize(triangles, window, frame);
                 },
@@ -92,8 +92,8 @@ macro_rules! engine {
             }
 
             #[target_feature(enable = $features)]
-            fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
-                project::project(scene, positions, window);
+            fn project(view: &View, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
+                project::project(view, positions, window);
             }
 
             #[target_feature(enable = $features)]

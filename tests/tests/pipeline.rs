@@ -294,6 +294,39 @@ fn a_photo_upside_down_is_a_photo() {
 }
 
 #[test]
+fn several_photos_give_one_face() {
+    let place = tempdir().unwrap();
+    let photos = "@rough/05_00.jpg @rough/05_30.jpg";
+    let marks = "--landmarks @rough/05_00.tlms @rough/05_30.tlms";
+    let run = |arguments: &str| {
+        Onescan::new(place.path(), &format!("fit @golden/small.3dmm {arguments}"))
+    };
+    run(&format!("{photos} {marks} -o both")).succeed();
+    let path = place.path().join("both");
+    let all = json(&path.join("summary.json"));
+    let [front, side] = [0, 1].map(|i| &all["fits"][i]);
+    for shared in ["shape", "albedo"] {
+        assert_eq!(front["parameters"][shared], side["parameters"][shared]);
+    }
+    let yaw = |fit: &Value| fit["parameters"]["pose"]["yaw"].as_f64().unwrap().to_degrees().abs();
+    assert!(yaw(front) < 8.0 && (22.0..38.0).contains(&yaw(side)), "{} {}", yaw(front), yaw(side));
+    assert_eq!(front["others"][0], "05_30.jpg");
+    for file in ["report.html", "mesh.glb", "05_00/fit.json", "05_30/behind.png"] {
+        assert!(path.join(file).is_file(), "{file}");
+    }
+    let mesh = |of: &str| fs::read(path.join(of)).unwrap();
+    assert_eq!(mesh("mesh.ply"), mesh("05_30/mesh.ply"));
+    // The photos may come last.
+    run(&format!("{marks} {photos} -o again")).succeed();
+    let again = json(&place.path().join("again/summary.json"));
+    assert_eq!(fingerprint(&again["fits"][0]), fingerprint(front));
+    // A landmark file per photo.
+    let refused = run(&format!("{photos} --landmarks @rough/05_00.tlms -o no")).run();
+    let error = "2 photo(s) and 1 --landmarks file(s)";
+    assert!(refused.stderr.contains(error), "{}", refused.stderr);
+}
+
+#[test]
 fn a_chain_says_how_to_repeat_it() {
     let place = tempdir().unwrap();
     let steps = "--landmark-samples 20 --samples 30";

@@ -7,7 +7,7 @@
 
 use onescan::demo::{template, template_model};
 use onescan::experiment::faces::{Identity, identities};
-use onescan::fit::{Control, Ending, Job, Schedule};
+use onescan::fit::{Control, Job, Schedule, find_mode};
 use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
 use onescan::render;
@@ -18,6 +18,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 const YAWS: [u32; 4] = [0, 15, 30, 45];
+/// Several photos of one person: by their number, the yaws.
+const SEVERAL: [&[u32]; 3] = [&[0, 30], &[0, 15, 30], &[0, 15, 30, 45]];
 
 /// How far a face is from the truth: distance up to size, mm; albedo's difference; the same
 /// after one gain per channel.
@@ -45,10 +47,10 @@ impl Errors {
 /// Components of each half of the model, all of which a fit infers.
 const RANK: usize = 199;
 
-/// A fitted picture.
+/// Fitted pictures of a person.
 struct Fitted {
     person: usize,
-    yaw: u32,
+    yaws: Vec<u32>,
     shape: Vec<f32>,
     albedo: Vec<f32>,
     errors: Errors,
@@ -60,13 +62,17 @@ fn a_fit_to_a_rough_picture_is_nearer_than_the_template() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures");
     let all = std::env::var_os("ONESCAN_ROUGH").map(PathBuf::from);
     let pictures = pictures(all.as_deref().unwrap_or(&fixtures.join("rough")));
-    let fitted = fit(&pictures, &identities(&fixtures).unwrap());
+    let sets = sets(&pictures);
+    let fitted = fit(&sets, &identities(&fixtures).unwrap());
     if all.is_some() {
-        recognition(&fitted);
+        for gallery in [&[0][..], SEVERAL[0]] {
+            recognition(&fitted, gallery);
+        }
     }
-    let mut nearer = 0;
-    for yaw in YAWS {
-        let of: Vec<_> = fitted.iter().filter(|fitted| fitted.yaw == yaw).collect();
+    let mut nearer = (0, 0);
+    let mut shapes = Vec::new();
+    for yaws in YAWS.iter().map(std::slice::from_ref).chain(SEVERAL) {
+        let of: Vec<_> = fitted.iter().filter(|fitted| fitted.yaws == *yaws).collect();
         if of.is_empty() {
             continue;
         }
@@ -75,7 +81,7 @@ fn a_fit_to_a_rough_picture_is_nearer_than_the_template() {
         };
         let (fit, template) = (mean(&|x| x.errors), mean(&|x| x.template));
         println!(
-            "yaw {yaw:2} n {} shape {:.2} mm (template {:.2})  albedo {:.4} (template {:.4})  \
+            "yaw {yaws:?} n {} shape {:.2} mm (template {:.2})  albedo {:.4} (template {:.4})  \
              with gains {:.4} (template {:.4})",
             of.len(),
             fit[0],
@@ -85,11 +91,36 @@ fn a_fit_to_a_rough_picture_is_nearer_than_the_template() {
             fit[2],
             template[2]
         );
-        assert!(fit[0] < template[0], "{yaw}°: shape {} is not below {}", fit[0], template[0]);
-        assert!(fit[1] < template[1], "{yaw}°: albedo {} is not below {}", fit[1], template[1]);
-        nearer += of.iter().filter(|x| x.errors.0[0] < x.template.0[0]).count();
+        assert!(fit[0] < template[0], "{yaws:?}°: shape {} is not below {}", fit[0], template[0]);
+        assert!(fit[1] < template[1], "{yaws:?}°: albedo {} is not below {}", fit[1], template[1]);
+        if yaws.len() == 1 {
+            nearer.0 += of.iter().filter(|x| x.errors.0[0] < x.template.0[0]).count();
+            nearer.1 += of.len();
+        }
+        if yaws == [0] || yaws.len() > 1 {
+            shapes.push(fit[0]);
+        }
     }
-    assert!(4 * nearer >= 3 * fitted.len(), "shape is nearer in {nearer} of {}", fitted.len());
+    assert!(4 * nearer.0 >= 3 * nearer.1, "shape is nearer in {nearer:?}");
+    assert!(shapes.iter().skip(1).all(|more| *more < shapes[0]), "by photos: {shapes:?}");
+}
+
+/// Person, yaws and paths of what is fitted together: every picture by itself, then several.
+fn sets(pictures: &[(usize, u32, PathBuf)]) -> Vec<(usize, Vec<u32>, Vec<&Path>)> {
+    let alone = pictures.iter().map(|(person, yaw, path)| (*person, vec![*yaw], vec![&**path]));
+    let mut sets: Vec<_> = alone.collect();
+    for yaws in SEVERAL {
+        for person in pictures.iter().filter(|(_, yaw, _)| *yaw == 0).map(|(person, ..)| *person) {
+            let path = |yaw: &u32| {
+                let found = pictures.iter().find(|(p, y, _)| (p, y) == (&person, yaw));
+                found.map(|(.., path)| &**path)
+            };
+            if let Some(paths) = yaws.iter().map(path).collect() {
+                sets.push((person, yaws.to_vec(), paths));
+            }
+        }
+    }
+    sets
 }
 
 /// Person, yaw and path of every picture `PERSON_YAW.jpg`.
@@ -110,7 +141,7 @@ fn pictures(directory: &Path) -> Vec<(usize, u32, PathBuf)> {
     pictures
 }
 
-fn fit(pictures: &[(usize, u32, PathBuf)], people: &[Identity]) -> Vec<Fitted> {
+fn fit(sets: &[(usize, Vec<u32>, Vec<&Path>)], people: &[Identity]) -> Vec<Fitted> {
     let built = template_model(RANK, &mut |_, _| ()).unwrap();
     let model = built.model.view();
     let (template, _) = template().unwrap();
@@ -119,17 +150,17 @@ fn fit(pictures: &[(usize, u32, PathBuf)], people: &[Identity]) -> Vec<Fitted> {
     std::thread::scope(|scope| {
         for _ in 0..std::thread::available_parallelism().map_or(1, Into::into) {
             scope.spawn(|| {
-                while let Some((person, yaw, path)) =
-                    pictures.get(next.fetch_add(1, Ordering::Relaxed))
+                while let Some((person, yaws, paths)) =
+                    sets.get(next.fetch_add(1, Ordering::Relaxed))
                 {
-                    let (shape, albedo) = parameters(&model, path);
+                    let (shape, albedo) = parameters(&model, paths);
                     let found = render::instance(&model, &shape, &albedo);
                     let truth = people.get(*person).unwrap_or_else(|| {
-                        panic!("{}: no such person, of {}", path.display(), people.len())
+                        panic!("{paths:?}: no such person, of {}", people.len())
                     });
                     let fitted = Fitted {
                         person: *person,
-                        yaw: *yaw,
+                        yaws: yaws.clone(),
                         errors: Errors::of(&found.points, &found.colors, truth),
                         template: Errors::of(&template.points, &template.colors, truth),
                         shape,
@@ -138,7 +169,7 @@ fn fit(pictures: &[(usize, u32, PathBuf)], people: &[Identity]) -> Vec<Fitted> {
                     let mut all = all.lock().unwrap();
                     all.push(fitted);
                     if all.len().is_multiple_of(20) {
-                        println!("{} of {} pictures fitted", all.len(), pictures.len());
+                        println!("{} of {} fitted", all.len(), sets.len());
                     }
                 }
             });
@@ -148,34 +179,46 @@ fn fit(pictures: &[(usize, u32, PathBuf)], people: &[Identity]) -> Vec<Fitted> {
 }
 
 /// Shape and albedo as `onescan fit` finds them.
-fn parameters(model: &Model<'_>, path: &Path) -> (Vec<f32>, Vec<f32>) {
-    let picture = photo::read(path).unwrap();
-    let landmarks = Tlms::read(&path.with_extension("tlms")).unwrap();
-    let size = [picture.width, picture.height];
-    let points = landmarks.visible_points();
+fn parameters(model: &Model<'_>, paths: &[&Path]) -> (Vec<f32>, Vec<f32>) {
+    let photos: Vec<_> = paths
+        .iter()
+        .map(|path| {
+            let picture = photo::read(path).unwrap();
+            (picture, Tlms::read(&path.with_extension("tlms")).unwrap())
+        })
+        .collect();
     let schedule = Schedule::Mode;
-    let job = Job {
-        model,
-        photo: &picture,
-        landmarks: &landmarks,
-        crop: Crop::around(&points, size, Crop::ENLARGE, 256).unwrap(),
-        mask: None,
-        schedule,
-        config: schedule.config(model, Crop::LONGER_SIDE),
-        seed: 0,
-        chains: 1,
-    };
+    let jobs: Vec<_> = photos
+        .iter()
+        .map(|(picture, landmarks)| Job {
+            model,
+            photo: picture,
+            landmarks,
+            crop: Crop::around(
+                &landmarks.visible_points(),
+                [picture.width, picture.height],
+                Crop::ENLARGE,
+                256,
+            )
+            .unwrap(),
+            mask: None,
+            schedule,
+            config: schedule.config(model, Crop::LONGER_SIDE),
+            seed: 0,
+            chains: 1,
+        })
+        .collect();
     let (stop, steps) = (AtomicBool::new(false), AtomicU64::new(0));
-    let Ending::Done(fit) = job.run(None, &Control { stop: &stop, steps: &steps }).unwrap() else {
-        panic!("nobody stopped the fit");
-    };
-    (fit.best.scene.subject.shape.to_vec(), fit.best.scene.subject.albedo.to_vec())
+    let control = Control { stop: &stop, steps: &steps };
+    let fits = find_mode(&jobs, &control).unwrap().expect("nobody stopped the fit");
+    let subject = &fits[0].best.scene.subject;
+    (subject.shape.to_vec(), subject.albedo.to_vec())
 }
 
-/// Prints how often the nearest of all faces at 0° is the same person's, by the cosine of
-/// coefficients, and how far apart cosines of the same and of other people are, in their pooled
+/// Prints how often the nearest of all faces of a gallery, fitted to the photos at these yaws, is the
+/// same person's, by the cosine of coefficients, and how far apart cosines of the same and of other people are, in their pooled
 /// standard deviation.
-fn recognition(fitted: &[Fitted]) {
+fn recognition(fitted: &[Fitted], gallery: &[u32]) {
     type Vector = fn(&Fitted) -> Vec<f32>;
     let kinds: [(&str, Vector); 3] = [
         ("joint", |f| [&f.shape[..], &f.albedo].concat()),
@@ -187,14 +230,14 @@ fn recognition(fitted: &[Fitted]) {
             |a: &[f32], b: &[f32]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum() };
         dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
     };
-    let at = |yaw: u32| fitted.iter().filter(move |f| f.yaw == yaw);
-    for yaw in &YAWS[1..] {
+    let at = |yaws: &[u32]| fitted.iter().filter(|f| f.yaws == yaws).collect::<Vec<_>>();
+    for yaw in YAWS.iter().filter(|yaw| !gallery.contains(yaw)) {
         for (name, vector) in kinds {
             let (mut hits, mut same, mut other) = (0, Vec::new(), Vec::new());
-            for probe in at(*yaw) {
+            for probe in at(&[*yaw]) {
                 let wanted = vector(probe);
                 let cosines: Vec<_> =
-                    at(YAWS[0]).map(|f| (cosine(&wanted, &vector(f)), f.person)).collect();
+                    at(gallery).iter().map(|f| (cosine(&wanted, &vector(f)), f.person)).collect();
                 let nearest = cosines.iter().max_by(|a, b| a.0.total_cmp(&b.0));
                 hits += usize::from(nearest.is_some_and(|(_, person)| *person == probe.person));
                 for (cosine, person) in cosines {
@@ -207,7 +250,7 @@ fn recognition(fitted: &[Fitted]) {
             };
             let (a, b) = (moments(&same), moments(&other));
             println!(
-                "yaw {yaw:2} n {} {name:6} rank-1 {:5.1} %  d' {:.2}  cosine {:.2} / {:.2}",
+                "gallery {gallery:?} probe {yaw:2} n {} {name:6} rank-1 {:5.1} %  d' {:.2}  cosine {:.2} / {:.2}",
                 same.len(),
                 100.0 * f64::from(hits as u32) / same.len() as f64,
                 (a.0 - b.0) / (0.5 * (a.1 + b.1)).sqrt(),

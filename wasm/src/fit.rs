@@ -2,7 +2,7 @@
 
 use crate::{File, Model, Opened, Photo, Pixels};
 use onescan::error::{Error, Result};
-use onescan::fit::output::{self, Names};
+use onescan::fit::output::{self, Names, PhotoNames};
 use onescan::fit::summary::{Summary, hex};
 use onescan::fit::{Job, Observed, Schedule, Searching};
 use onescan::photo::Crop;
@@ -176,7 +176,7 @@ impl Fit {
         self.0.with_dependent(|prepared, searching| {
             let model = prepared.borrow_owner().model.borrow_dependent();
             let picture = &prepared.borrow_dependent().picture;
-            let drawn = render::draw_over(model, searching.search.scene(), picture)?;
+            let drawn = render::draw_over(model, &searching.search.scene(), picture)?;
             Ok(Pixels(if behind { output::behind(&self.mask().0, picture, &drawn) } else { drawn }))
         })
     }
@@ -202,14 +202,16 @@ impl Fit {
     pub fn finish(self, seconds: f64, model: String, image: String) -> Result<Fitted, JsError> {
         let started = self.0;
         let job = started.borrow_owner().borrow_owner().job();
-        let fit = started.with_dependent(|prepared, searching| {
+        let fits = started.with_dependent(|prepared, searching| {
             let problem = prepared.borrow_owner().problem(prepared.borrow_dependent());
-            searching.end(&job, problem, seconds)
+            searching.end([(&job, problem)], seconds)
         })?;
+        let [fit] = &fits[..] else { return Err(JsError::new("a fit of one photo")) };
         let stem = image.rsplit_once('.').map_or(&*image, |(stem, _)| stem);
         let landmarks = format!("{stem}.tlms");
-        let names = Names { model, image, landmarks: landmarks.clone(), mask: None };
-        let finished = output::finish(&job, &fit, names)?;
+        let photo = PhotoNames { image, landmarks: landmarks.clone(), mask: None };
+        let names = Names { model, photos: vec![photo] };
+        let finished = output::finish(&job, fit, &names, 0)?;
         let mut files: Vec<_> = output::files(&finished)?
             .into_iter()
             .map(|(name, bytes)| File { name: name.into(), bytes })
@@ -256,7 +258,7 @@ fn start(model: &Model, photo: &Photo, landmarks: &str, settings: &str) -> Resul
     let mut inputs = Inputs { model, photo, landmarks, crop, config, memory };
     let words = {
         let observed = inputs.observe()?;
-        search::words(&inputs.problem(&observed))
+        search::words(&inputs.problem(&observed), &Options::default())
     };
     inputs.memory = MutBorrow::new(vec![0; words]);
     let prepared = Prepared::try_new(inputs, Inputs::observe)?;

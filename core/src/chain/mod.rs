@@ -28,11 +28,11 @@ use crate::scene::Scene;
 pub use config::Config;
 pub use dimensions::Dimensions;
 use pipeline::{Pipeline, Proposed};
-pub use problem::{ChainError, Problem};
+pub use problem::{ChainError, Photo, Problem};
 use schedule::{Begin, IMAGE, MAX_PHASES, Phase};
 pub use schedule::{Schedule, Stage};
 use serde::{Deserialize, Serialize};
-use target::{LnFactors, Mixture, Photo};
+use target::{LnFactors, Mixture, Posterior};
 
 /// One step of the chain.
 #[derive(Clone, Copy, Debug)]
@@ -117,7 +117,7 @@ pub struct Checkpoint {
 
 /// A running fit.
 pub struct Chain<'a, 'w> {
-    target: Photo<'a, 'w>,
+    target: Posterior<'a, 'w>,
     tables: heapless::Vec<Table, MAX_PHASES>,
     progress: Checkpoint,
 }
@@ -150,7 +150,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         stream: u32,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let Problem { model, image, config, .. } = problem;
+        let Problem { model, photo: Photo { image, .. }, config, .. } = problem;
         let rank = |wanted: usize, available: usize| wanted.min(available);
         let scene = Scene::initial(
             image.width,
@@ -200,7 +200,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         checkpoint: Checkpoint,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let size = [problem.image.width, problem.image.height];
+        let size = [problem.photo.image.width, problem.photo.image.height];
         let scenes = [&checkpoint.state.scene, &checkpoint.best.scene];
         if scenes.iter().any(|scene| {
             scene.view.camera.image_size != size
@@ -232,8 +232,10 @@ impl<'a, 'w> Chain<'a, 'w> {
         progress: Checkpoint,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let Problem { model, image, landmarks, config, .. } = problem;
-        let observed = problem.check()?;
+        problem.check()?;
+        let Problem { model, photo, config, .. } = problem;
+        let Photo { image, landmarks, .. } = photo;
+        let observed = photo.check(model)?;
         let centres = CENTRES.map(|name| landmarks.iter().position(|l| l.name == name));
         let scene = &progress.state.scene;
         let applies = |branch: &Branch| {
@@ -275,7 +277,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         )
         .ok_or(error)?;
         let (points, proposed) = (Points::new(), Points::new());
-        let target = Photo { problem, centres, landmarks, points, proposed, pipeline };
+        let target = Posterior { problem, centres, landmarks, points, proposed, pipeline };
         Ok(Self { target, tables, progress })
     }
 

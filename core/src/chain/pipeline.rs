@@ -130,7 +130,7 @@ impl<'w> Pipeline<'w> {
             }
         }
         if touched.geometry {
-            (engine.project)(scene, self.positions.pick(touched.shape), self.window);
+            (engine.project)(&scene.view, self.positions.pick(touched.shape), self.window);
             (engine.rasterize)(model.triangles, self.window, self.frame.spare());
             *self.coverage.spare() = (engine.coverage)(self.frame.pick(true), &self.target);
         }
@@ -166,7 +166,7 @@ impl<'w> Pipeline<'w> {
                 known.normals = Some(pixels.normals);
             }
         }
-        (engine.residual)(&surface, known, &Shader::new(scene), &self.target, limit)
+        (engine.residual)(&surface, known, &Shader::new(&scene.view), &self.target, limit)
     }
 
     /// Number of covered pixels and pixel error of what [`Pipeline::update`] computed.

@@ -10,16 +10,77 @@ use crate::model::Model;
 use crate::scene::MAX_RANK;
 use core::fmt;
 
+/// A photo, and what is known of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Photo<'a> {
+    /// The picture.
+    pub image: Image<'a>,
+    /// Landmarks in the picture, at least one.
+    pub landmarks: &'a [Observation<'a>],
+    /// Where the face may be seen, if that is known: 255 of a pixel that may show it, 0 of one that
+    /// cannot, in between a part of its weight; row by row, as many as the picture has. A chain
+    /// takes all it covers for the face.
+    pub open: Option<&'a [u8]>,
+}
+
+impl<'a> Photo<'a> {
+    /// A photo that may show the face anywhere.
+    pub const fn new(image: Image<'a>, landmarks: &'a [Observation<'a>]) -> Self {
+        Self { image, landmarks, open: None }
+    }
+
+    /// The same, with [`open`](Self::open) as given.
+    #[must_use]
+    pub const fn with_open(self, open: Option<&'a [u8]>) -> Self {
+        Self { open, ..self }
+    }
+
+    /// How much a pixel may show the face, 0 to 1.
+    pub(crate) fn open_at(&self, index: usize) -> f32 {
+        self.open.map_or(1.0, |open| f32::from(open.get(index).copied().unwrap_or(0)) / 255.0)
+    }
+
+    /// Sizes of a problem, with this photo's in place of the problem's own.
+    pub(crate) fn dimensions(&self, of: &Dimensions) -> Dimensions {
+        let Image { width, height, .. } = self.image;
+        let (width, height) = (width as usize, height as usize);
+        Dimensions { landmarks: self.landmarks.len(), width, height, ..*of }
+    }
+
+    /// Looks whether everything fits together, and finds the landmarks' vertices.
+    pub(crate) fn check(&self, model: &Model<'_>) -> Result<Observed, ChainError> {
+        let Self { image, landmarks, open } = *self;
+        let pixels = (image.width as usize).checked_mul(image.height as usize);
+        let count = image.pixels.len();
+        if count == 0 || pixels != Some(count) || open.is_some_and(|open| open.len() != count) {
+            return Err(ChainError::Image);
+        }
+        if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
+            return Err(ChainError::LandmarkCount { found: landmarks.len() });
+        }
+        let mut observed = Observed::new();
+        for (index, landmark) in landmarks.iter().enumerate() {
+            let vertex =
+                model.landmark(landmark.name).ok_or(ChainError::UnknownLandmark { index })?;
+            if !landmark.position.iter().all(|x| x.is_finite()) {
+                return Err(ChainError::LandmarkPosition { index });
+            }
+            // The count was checked.
+            let _ = observed.push((vertex, landmark.position));
+        }
+        Ok(observed)
+    }
+}
+
 /// What is to be fitted to what, and how.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct Problem<'a> {
     /// The model.
     pub model: &'a Model<'a>,
-    /// The picture.
-    pub image: Image<'a>,
-    /// Landmarks in the picture, at least one.
-    pub landmarks: &'a [Observation<'a>],
+    /// The photo.
+    pub photo: Photo<'a>,
     /// How.
     pub config: &'a Config,
     /// In what phases.
@@ -35,16 +96,9 @@ pub struct Problem<'a> {
 pub(crate) type Observed = heapless::Vec<(u32, [f32; 2]), MAX_LANDMARKS>;
 
 impl<'a> Problem<'a> {
-    /// Looks whether everything fits together, and finds the landmarks' vertices.
-    pub(crate) fn check(&self) -> Result<Observed, ChainError> {
-        let Self { model, image, landmarks, config, .. } = *self;
-        let pixels = (image.width as usize).checked_mul(image.height as usize);
-        if image.pixels.is_empty() || pixels != Some(image.pixels.len()) {
-            return Err(ChainError::Image);
-        }
-        if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
-            return Err(ChainError::LandmarkCount { found: landmarks.len() });
-        }
+    /// Looks whether the numbers that say how are in range.
+    pub(crate) fn check(&self) -> Result<(), ChainError> {
+        let config = self.config;
         let found = config.shape_rank.max(config.albedo_rank);
         if found > MAX_RANK {
             return Err(ChainError::Rank { found });
@@ -64,17 +118,7 @@ impl<'a> Problem<'a> {
         if sds.iter().any(|sd| !(*sd > 0.0 && sd.is_finite())) {
             return Err(ChainError::Config);
         }
-        let mut observed = Observed::new();
-        for (index, landmark) in landmarks.iter().enumerate() {
-            let vertex =
-                model.landmark(landmark.name).ok_or(ChainError::UnknownLandmark { index })?;
-            if !landmark.position.iter().all(|x| x.is_finite()) {
-                return Err(ChainError::LandmarkPosition { index });
-            }
-            // The count was checked.
-            let _ = observed.push((vertex, landmark.position));
-        }
-        Ok(observed)
+        Ok(())
     }
 
     /// A face, with [`Engine::PORTABLE`], and memory enough.
@@ -85,7 +129,8 @@ impl<'a> Problem<'a> {
         config: &'a Config,
     ) -> Self {
         let (schedule, engine) = (&Schedule::FACE, Engine::PORTABLE);
-        Self { model, image, landmarks, config, schedule, engine, lean: false }
+        let photo = Photo::new(image, landmarks);
+        Self { model, photo, config, schedule, engine, lean: false }
     }
 
     /// The same in other phases; [`Schedule::of`] the landmarks if it need not be a face.
@@ -100,6 +145,12 @@ impl<'a> Problem<'a> {
         Self { engine, ..self }
     }
 
+    /// The same, with the photo's [`open`](Photo::open) as given.
+    #[must_use]
+    pub const fn with_open(self, open: Option<&'a [u8]>) -> Self {
+        Self { photo: self.photo.with_open(open), ..self }
+    }
+
     /// The same, with [`lean`](Self::lean) as given.
     #[must_use]
     pub const fn with_lean(self, lean: bool) -> Self {
@@ -112,9 +163,9 @@ impl<'a> Problem<'a> {
             vertices: self.model.vertices(),
             shape_rank: self.config.shape_rank.min(self.model.shape.rank()),
             albedo_rank: self.config.albedo_rank.min(self.model.albedo.rank()),
-            landmarks: self.landmarks.len(),
-            width: self.image.width as usize,
-            height: self.image.height as usize,
+            landmarks: self.photo.landmarks.len(),
+            width: self.photo.image.width as usize,
+            height: self.photo.image.height as usize,
             lean: self.lean,
         }
     }
@@ -124,8 +175,10 @@ impl<'a> Problem<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum ChainError {
-    /// The picture is empty or has another number of pixels than its sides say.
+    /// The picture is empty or has another number of pixels than its sides or its mask say.
     Image,
+    /// More photos than there is room for.
+    Photos { found: usize },
     /// No landmarks, or more than [`MAX_LANDMARKS`].
     LandmarkCount { found: usize },
     /// A landmark that the model does not have.
@@ -149,6 +202,7 @@ impl fmt::Display for ChainError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Image => write!(f, "the picture is empty or its size does not match its pixels"),
+            Self::Photos { found } => write!(f, "{found} photos, which is too many"),
             Self::LandmarkCount { found } => {
                 write!(f, "{found} landmarks; a fit needs 1 to {MAX_LANDMARKS}")
             }

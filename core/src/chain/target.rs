@@ -14,7 +14,7 @@ use crate::scene::Scene;
 pub(super) type LnFactors = [f64; 3];
 
 /// The target of a fit, and the stages of its rendering.
-pub(super) struct Photo<'a, 'w> {
+pub(super) struct Posterior<'a, 'w> {
     pub(super) problem: Problem<'a>,
     /// The observed landmarks among [`CENTRES`].
     pub(super) centres: [Option<usize>; CENTRES.len()],
@@ -26,7 +26,7 @@ pub(super) struct Photo<'a, 'w> {
     pub(super) pipeline: Pipeline<'w>,
 }
 
-impl<'a> Photo<'a, '_> {
+impl<'a> Posterior<'a, '_> {
     /// All factors among `looked_at` of a hypothesis, from scratch; the image likelihood is 0 if it
     /// is not among them. The current state stays, but for the spare buffers.
     pub(super) fn evaluate(&mut self, scene: &Scene, looked_at: Factors) -> LnFactors {
@@ -57,7 +57,7 @@ impl<'a> Photo<'a, '_> {
     }
 }
 
-impl Target for Photo<'_, '_> {
+impl Target for Posterior<'_, '_> {
     type State = Scene;
     type Touched = Touched;
     type Density = LnFactors;
@@ -112,11 +112,11 @@ impl Target for Photo<'_, '_> {
 /// The leaves of a tree of moves.
 pub(super) struct Mixture<'t>(pub(super) &'t Table);
 
-impl<'a, 'w> Moves<Photo<'a, 'w>> for Mixture<'_> {
+impl<'a, 'w> Moves<Posterior<'a, 'w>> for Mixture<'_> {
     fn draw(
         &mut self,
         leaf: usize,
-        target: &mut Photo<'a, 'w>,
+        target: &mut Posterior<'a, 'w>,
         scene: &mut Scene,
         rng: &mut Rng,
     ) -> Option<Drawn<Touched>> {
@@ -130,7 +130,7 @@ impl<'a, 'w> Moves<Photo<'a, 'w>> for Mixture<'_> {
     }
 }
 
-impl Surroundings for Photo<'_, '_> {
+impl Surroundings for Posterior<'_, '_> {
     fn centre(&self, index: usize) -> Option<[f32; 3]> {
         self.points.get((*self.centres.get(index)?)?).copied()
     }

@@ -4,7 +4,7 @@ use super::normal::LN_2PI;
 use crate::math;
 use crate::memory::Carver;
 use crate::model::Model;
-use crate::scene::Scene;
+use crate::scene::{Scene, View};
 
 /// The most landmarks an observation may have.
 pub const MAX_LANDMARKS: usize = 64;
@@ -130,11 +130,11 @@ impl<'w> Landmarks<'w> {
     /// The landmarks and how far off they are, given their model-frame positions.
     pub(crate) fn samples(
         &self,
-        scene: &Scene,
+        view: &View,
         points: &Points,
     ) -> impl Iterator<Item = LandmarkSample> {
         points.iter().zip(&self.observed).map(|(&point, &(vertex, observed))| {
-            let (u, v, _) = scene.view.camera.project(scene.view.pose.to_world(point));
+            let (u, v, _) = view.camera.project(view.pose.to_world(point));
             LandmarkSample { point, vertex, residual: [observed[0] - u, observed[1] - v] }
         })
     }

@@ -9,8 +9,9 @@
 //! about a standard normal, and trajectories ([`hamiltonian`]) go from one end of it to the other in
 //! a few turns. During a warm-up, which is thrown away, their angle is adapted; then it is held.
 //!
-//! On a photo at 199 + 199 components about a third of the trajectories are accepted, and some
-//! parameters (complexion against light, yaw against shape) hardly mix in hundreds of them.
+//! On a photo at 199 + 199 components about a third of the trajectories were accepted before there was
+//! shade (`search/image_term.rs`), of which the metric knows nothing: now it is fewer. Some parameters
+//! (complexion against light, yaw against shape) hardly mix in hundreds of them.
 
 pub mod hamiltonian;
 mod metric;
@@ -22,14 +23,14 @@ use crate::math;
 use crate::memory::Carver;
 use crate::metropolis::{self, Outcome};
 use crate::rng::Rng;
-use crate::scene::{MAX_RANK, Scene};
-use crate::search::unknowns::{COLOR, LIGHT, Layout, POSE, advance};
-use crate::search::{Held, ModeSearch};
+use crate::scene::{Subject, View};
+use crate::search::unknowns::Layout;
+use crate::search::{Held, ModeSearch, Options};
 use hamiltonian::{Density, Field, State, Trajectory};
 pub use metric::Metric;
 
-/// The most unknowns there are.
-pub const MAX_UNKNOWNS: usize = POSE + 2 * MAX_RANK + LIGHT + COLOR;
+/// The most unknowns there may be.
+pub const MAX_UNKNOWNS: usize = Layout::MOST.len();
 /// Pixels whose rows make the metric.
 const METRIC_PIXELS: usize = 6000;
 /// Acceptance that the angle is adapted to. What parts of a surface hide from each other, and other
@@ -44,48 +45,52 @@ const WAY: f64 = 1.2;
 pub type Unknowns = heapless::Vec<f32, MAX_UNKNOWNS>;
 
 /// Words of memory a [`Sampler`] of a problem needs besides its search's.
-pub fn words(problem: &Problem<'_>) -> usize {
+pub fn words(problem: &Problem<'_>, options: &Options<'_>) -> usize {
     let d = problem.dimensions();
-    let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
+    let views = 1 + options.others.len();
+    let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank, views };
     matrix_words(layout.len())
 }
 
 /// The density that is sampled.
-struct Around<'a, 'w> {
-    held: Held<'a, 'w>,
+struct Around<'a, 'w, const OTHERS: usize> {
+    held: Held<'a, 'w, OTHERS>,
     metric: Metric<'w>,
-    mode: Scene,
 }
 
-impl Around<'_, '_> {
-    /// The scene of a position, and its rotation vector.
-    fn place(&self, position: &[f32]) -> Option<(Scene, [f32; 3])> {
-        let layout = self.held.search.layout();
-        let mut u = [0.0; MAX_UNKNOWNS];
-        let u = u.get_mut(..layout.len())?;
-        for (u, v) in u.iter_mut().zip(position) {
-            *u = *v;
-        }
-        self.metric.solve(u);
-        let parts = layout.split(u)?;
-        let [x, y, z, ..] = *parts.pose;
-        let mut scene = self.mode.clone();
-        advance(&mut scene, &parts);
-        Some((scene, [x, y, z]))
+impl<const OTHERS: usize> Around<'_, '_, OTHERS> {
+    /// The step from the mode to a position.
+    fn step(&self, position: &[f32]) -> Unknowns {
+        let mut step = Unknowns::new();
+        // There is room for all there are.
+        let _ = step.extend_from_slice(position);
+        self.metric.solve(&mut step);
+        step
+    }
+
+    /// Where in a step the views' rotation vectors begin.
+    fn rotations(&self) -> impl Iterator<Item = usize> + use<OTHERS> {
+        let layout = self.held.layout();
+        (0..layout.views).map(move |view| layout.pose(view).start)
     }
 }
 
-impl Field for Around<'_, '_> {
+impl<const OTHERS: usize> Field for Around<'_, '_, OTHERS> {
     fn energy(&mut self, position: &[f32], force: &mut [f32]) -> Option<f64> {
-        let (scene, rotation) = self.place(position)?;
-        let haar = ln_haar(rotation)?;
-        let energy = self.held.energy(&scene)?;
+        let mut step = self.step(position);
+        let vector = |from: &[f32], at: usize| from.get(at..)?.first_chunk().copied();
+        let mut haar = 0.0;
+        for at in self.rotations() {
+            haar += ln_haar(vector(&step, at)?)?;
+        }
+        let energy = self.held.energy(&mut step)?;
         for (to, f) in force.iter_mut().zip(self.held.force()) {
             *to = *f;
         }
         // From the turn w on to w + dw it is a turn δ = (I + ½[w]×) dw, or nearly so.
-        if let Some([fx, fy, fz]) = force.first_chunk_mut() {
-            let [x, y, z] = rotation.map(|w| 0.5 * w);
+        for at in self.rotations() {
+            let [x, y, z] = vector(&step, at)?.map(|w| 0.5 * w);
+            let [fx, fy, fz] = force.get_mut(at..)?.first_chunk_mut()?;
             (*fx, *fy, *fz) =
                 (*fx - (y * *fz - z * *fy), *fy - (z * *fx - x * *fz), *fz - (x * *fy - y * *fx));
         }
@@ -106,8 +111,8 @@ fn ln_haar([x, y, z]: [f32; 3]) -> Option<f64> {
 }
 
 /// A running sampler.
-pub struct Sampler<'a, 'w> {
-    target: Density<Around<'a, 'w>>,
+pub struct Sampler<'a, 'w, const OTHERS: usize = 0> {
+    target: Density<Around<'a, 'w, OTHERS>>,
     state: State,
     rng: Rng,
     /// Logarithm of the angle, adapted, and its average over the warm-up.
@@ -119,7 +124,7 @@ pub struct Sampler<'a, 'w> {
     fingerprint: Fnv64,
 }
 
-impl<'a, 'w> Sampler<'a, 'w> {
+impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
     /// Number `stream` of a seed, around the mode that a search has found; it begins at a draw of
     /// the mode's normal approximation. `memory` is [`words`] long. The first `warm_up` steps adapt
     /// it.
@@ -128,20 +133,22 @@ impl<'a, 'w> Sampler<'a, 'w> {
     /// [`ChainError::Memory`] if the memory is shorter; [`ChainError::Config`] of a mode that
     /// nothing is seen of, or whose metric is singular.
     pub fn new(
-        mut search: ModeSearch<'a, 'w>,
+        mut search: ModeSearch<'a, 'w, OTHERS>,
         warm_up: u32,
         seed: u64,
         stream: u32,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let needed = words(&search.problem());
-        let error = ChainError::Memory { needed, found: memory.len() };
-        let mode = search.scene().clone();
         let n = search.layout().len();
+        if n > MAX_UNKNOWNS {
+            return Err(ChainError::Photos { found: 1 + OTHERS });
+        }
+        let needed = matrix_words(n);
+        let error = ChainError::Memory { needed, found: memory.len() };
         let factor = Carver::new(memory).floats(matrix_words(n)).ok_or(error)?;
         search.factorise(METRIC_PIXELS, factor).ok_or(ChainError::Config)?;
         let metric = Metric::new(n, factor.as_chunks().0).ok_or(error)?;
-        let mut target = Density(Around { held: Held::new(search), metric, mode });
+        let mut target = Density(Around { held: Held::new(search), metric });
         let mut rng = Rng::new(seed, stream);
         let mut position = Unknowns::new();
         // At most as many as there is room for.
@@ -206,9 +213,19 @@ impl<'a, 'w> Sampler<'a, 'w> {
         self.steps >= self.warm_up
     }
 
-    /// The scene of the state.
-    pub fn scene(&self) -> Option<Scene> {
-        self.target.0.place(&self.state.position).map(|(scene, _)| scene)
+    /// The step of the state from the mode, see [`crate::search::unknowns`].
+    pub fn unknowns(&self) -> Unknowns {
+        self.target.0.step(&self.state.position)
+    }
+
+    /// The subject of the state.
+    pub fn subject(&self) -> Subject {
+        self.target.0.held.subject(&mut self.unknowns())
+    }
+
+    /// Its views, photo by photo.
+    pub fn views(&self) -> impl Iterator<Item = View> {
+        self.target.0.held.views(self.unknowns())
     }
 
     /// Log density of the state, up to a constant.

@@ -1,6 +1,6 @@
 //! Model positions to window coordinates.
 
-use crate::scene::Scene;
+use crate::scene::View;
 
 /// Vertices handled together; the loop over them has no branches and vectorises.
 const BATCH: usize = 8;
@@ -16,12 +16,12 @@ const SNAP: f32 = 49_152.0;
 /// distance. `u` and `v` are NaN for vertices nearer than the near plane: no triangle with such a
 /// corner passes for a front face, so nothing else has to look at the near plane.
 #[inline(always)]
-pub fn project(scene: &Scene, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
-    let r = scene.view.pose.rotation();
-    let s = scene.view.pose.scale;
-    let t = scene.view.pose.translation;
-    let near = scene.view.camera.near;
-    let pixel = scene.view.camera.pixel_scale();
+pub fn project(view: &View, positions: &[[f32; 4]], window: &mut [[f32; 4]]) {
+    let r = view.pose.rotation();
+    let s = view.pose.scale;
+    let t = view.pose.translation;
+    let near = view.camera.near;
+    let pixel = view.camera.pixel_scale();
     let m: [[f32; 3]; 3] = r.map(|row| row.map(|v| v * s));
     let batches = positions.as_chunks::<BATCH>().0;
     for (out, p) in window.as_chunks_mut::<BATCH>().0.iter_mut().zip(batches) {

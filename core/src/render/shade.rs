@@ -8,9 +8,9 @@ use crate::light::ModelLight;
 use crate::math;
 use crate::mesh::{Index, transpose};
 use crate::render::rasterize::{self, Visible};
-use crate::scene::Scene;
+use crate::scene::View;
 
-/// Light and colour transform of a scene, ready to be applied:
+/// Light and colour transform of a view, ready to be applied:
 /// `colour = M·(albedo ∘ radiance(n)) + offset`.
 #[derive(Clone, Copy, Debug)]
 pub struct Shader {
@@ -21,11 +21,11 @@ pub struct Shader {
 
 impl Shader {
     /// Takes what it needs from a hypothesis.
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(view: &View) -> Self {
         Self {
-            light: ModelLight::new(&scene.view.light, &scene.view.pose.rotation()),
-            mix: color_matrix(&scene.view.color),
-            offset: scene.view.color.offset,
+            light: ModelLight::new(&view.light, &view.pose.rotation()),
+            mix: color_matrix(&view.color),
+            offset: view.color.offset,
         }
     }
 

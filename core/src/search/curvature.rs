@@ -1,7 +1,8 @@
 //! The metric of a step: the Gauss–Newton matrix of some of the pixels.
 
+use super::evidence::Evidence;
 use super::shading::{Adjoint, Shading};
-use super::state::ModeSearch;
+use super::state::{Common, Scratch};
 use super::surface::at;
 use super::unknowns::POSE;
 use super::vector::{Vec3, add, apply, cross, scale, xyz};
@@ -16,22 +17,27 @@ const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Vertices whose positions a pixel's colour may depend on.
 const MAX_AROUND: usize = 40;
 
-impl ModeSearch<'_, '_> {
+impl Evidence<'_, '_> {
     /// Adds the Gauss–Newton matrix of evenly drawn pixels.
     #[inline(never)]
     pub(super) fn add_curvature(
-        &mut self,
-        shading: &Shading,
-        covered: usize,
+        &self,
+        common: &Common<'_, '_>,
         samples: usize,
+        iteration: u32,
+        scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
         let width = self.width();
-        let stride = (covered as f64 / samples as f64).max(1.0);
-        let turn = GOLDEN * f64::from(self.iterations);
+        let stride = (self.seen.0 as f64 / samples as f64).max(1.0);
+        let turn = GOLDEN * f64::from(iteration);
         let mut next = (turn - f64::from(turn as u32)) * stride;
-        let weight = self.pixel_weight() * stride as f32;
-        let view = Window::new(&self.scene);
+        let weight = common.pixel_weight() * stride as f32;
+        let looking = (Shading::new(&self.view), Window::new(&self.view));
+        for row in &mut scratch.rows {
+            // Of another view's unknowns.
+            row.fill(0.0);
+        }
         let mut seen = 0.0;
         for y in self.frame.rows() {
             for x in self.frame.columns() {
@@ -47,22 +53,27 @@ impl ModeSearch<'_, '_> {
                 if pixel < 1e-2 {
                     continue;
                 }
-                self.add_pixel(shading, &view, [x, y], weight * pixel, system);
+                self.add_pixel(common, &looking, [x, y], weight * pixel, scratch, system);
             }
         }
     }
 
     /// Adds a covered pixel's three rows.
     pub(super) fn add_pixel(
-        &mut self,
-        shading: &Shading,
-        view: &Window,
+        &self,
+        common: &Common<'_, '_>,
+        (shading, window): &(Shading, Window),
         [x, y]: [usize; 2],
         weight: f32,
+        scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
+        let Common { problem, surface, layout, .. } = common;
+        let (model, engine) = (problem.model, problem.engine);
         let hit = self.frame.hit(x, y);
-        let Some((corners, point)) = hit.and_then(|hit| self.point(shading, &hit)) else { return };
+        let Some((corners, point)) = hit.and_then(|hit| common.point(shading, &hit)) else {
+            return;
+        };
         let [along_x, along_y] = self.differences(x, y);
         let adjoints: [Adjoint; 3] = from_fn(|channel| {
             let mut gradient = [0.0; 3];
@@ -85,13 +96,13 @@ impl ModeSearch<'_, '_> {
         let mut pose = [[0.0_f32; POSE]; 3];
         for (i, vertex) in corners.into_iter().enumerate() {
             let w = point.weights[i];
-            let position = xyz(at(self.surface.positions, vertex));
+            let position = xyz(at(surface.positions, vertex));
             let costs = adjoints.map(|adjoint| scale(adjoint.normal, w));
             let mut moved = [[0.0; 3]; 3];
             for channel in 0..3 {
-                let turned = apply(&view.rotation, cross(point.normals[i], costs[channel]));
+                let turned = apply(&window.rotation, cross(point.normals[i], costs[channel]));
                 let motion = [-w * along_x[channel], -w * along_y[channel]];
-                let (by_motion, by_pose) = view.adjoint(position, motion);
+                let (by_motion, by_pose) = window.adjoint(position, motion);
                 moved[channel] = by_motion;
                 for (sum, t) in pose[channel].iter_mut().zip(turned) {
                     *sum += t;
@@ -101,19 +112,17 @@ impl ModeSearch<'_, '_> {
                 }
             }
             put(vertex, moved);
-            self.surface.normal_adjoint(self.problem.model, vertex, costs, &mut put);
+            surface.normal_adjoint(model, vertex, costs, &mut put);
         }
         let mut colors = [(0, [[0.0; 3]; 3]); 3];
         for (color, (vertex, w)) in colors.iter_mut().zip(corners.into_iter().zip(point.weights)) {
             *color = (vertex, adjoints.map(|adjoint| scale(adjoint.albedo, w)));
         }
-        let model = self.problem.model;
-        let [shape, albedo] = &self.by_vertex;
-        let parts = self.rows.each_mut().map(|row| self.layout.split(row));
+        let [shape, albedo] = &scratch.by_vertex;
+        let parts = scratch.rows.each_mut().map(|row| layout.split(row, self.number));
         let [Some(r), Some(g), Some(b)] = parts else { return };
-        let rows = self.problem.engine.rows;
-        rows(&model.shape, shape.as_ref(), &around, [r.shape, g.shape, b.shape]);
-        rows(&model.albedo, albedo.as_ref(), &colors, [r.albedo, g.albedo, b.albedo]);
+        (engine.rows)(&model.shape, shape.as_ref(), &around, [r.shape, g.shape, b.shape]);
+        (engine.rows)(&model.albedo, albedo.as_ref(), &colors, [r.albedo, g.albedo, b.albedo]);
         let others =
             [(r.pose, r.light, r.color), (g.pose, g.light, g.color), (b.pose, b.light, b.color)];
         for (((to_pose, light, color), adjoint), pose) in
@@ -125,8 +134,8 @@ impl ModeSearch<'_, '_> {
             }
             *color = adjoint.color;
         }
-        for row in &self.rows {
-            system.add_row(row.get(..self.layout.len()).unwrap_or_default(), weight, 0.0);
+        for row in &scratch.rows {
+            system.add_row(row.get(..layout.len()).unwrap_or_default(), weight, 0.0);
         }
     }
 }

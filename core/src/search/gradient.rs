@@ -1,11 +1,13 @@
 //! The image term's gradient: what it costs to change anything that colours are made of.
 
+use super::evidence::Evidence;
 use super::shading::{Adjoint, Point, Shading};
-use super::state::{Costs, ModeSearch};
+use super::state::{Common, larger};
 use super::surface::at;
 use super::unknowns::{COLOR, POSE};
 use super::vector::{Vec3, apply, cross, dot, scale, sub, xyz};
 use super::window::Window;
+use crate::basis::padded;
 use crate::render::rasterize::Hit;
 
 /// What it costs to change what a pixel shows.
@@ -20,8 +22,38 @@ pub(super) struct Pixel {
     pub(super) by_place: [f32; 2],
 }
 
-impl ModeSearch<'_, '_> {
-    /// What a visible pixel of the current scene shows.
+/// Words of memory a gradient needs: a plane of shade, and then four more or what vertices cost.
+pub(super) const fn gradient_words(vertices: usize, pixels: usize) -> usize {
+    pixels + larger(4 * pixels, Costs::words(vertices))
+}
+
+/// Of every vertex, what it costs to change it.
+pub(super) struct Costs<'p> {
+    normals: &'p mut [[f32; 4]],
+    albedo: &'p mut [[f32; 4]],
+    /// First of the window coordinates, then of the positions.
+    positions: &'p mut [[f32; 4]],
+}
+
+impl<'p> Costs<'p> {
+    /// Words of the costs.
+    const fn words(vertices: usize) -> usize {
+        3 * 4 * padded(vertices)
+    }
+
+    /// No costs yet; `None` if there is too little memory.
+    fn new(vertices: usize, memory: &'p mut [f32]) -> Option<Self> {
+        let memory = memory.get_mut(..Self::words(vertices))?;
+        memory.fill(0.0);
+        let (quads, _) = memory.as_chunks_mut();
+        let (normals, rest) = quads.split_at_mut_checked(padded(vertices))?;
+        let (albedo, positions) = rest.split_at_mut_checked(padded(vertices))?;
+        Some(Self { normals, albedo, positions })
+    }
+}
+
+impl Common<'_, '_> {
+    /// What the subject's surface shows at a visible pixel.
     #[inline(never)]
     pub(super) fn point(&self, shading: &Shading, hit: &Hit) -> Option<([usize; 3], Point)> {
         let corners = self.problem.model.triangles.get(hit.triangle)?.map(|v| v as usize);
@@ -31,20 +63,9 @@ impl ModeSearch<'_, '_> {
         let albedos = corners.map(|v| xyz(at(self.surface.albedo, v)));
         Some((corners, shading.point(weights, normals, albedos)))
     }
+}
 
-    /// The photo at a pixel.
-    #[inline(always)]
-    pub(super) fn photo(&self, index: usize) -> Vec3 {
-        let [r, g, b] = &self.planes.photo;
-        [at(r, index), at(g, index), at(b, index)]
-    }
-
-    /// What a squared difference of colours counts.
-    pub(super) fn pixel_weight(&self) -> f32 {
-        let sd = self.sd();
-        1.0 / (sd * sd * self.problem.config.pixel_patch)
-    }
-
+impl Evidence<'_, '_> {
     /// How the rendering changes from pixel to pixel, along x and y.
     ///
     /// A pixel stays where it is while the surface moves under it: what moves by `δp` in the window
@@ -73,46 +94,60 @@ impl ModeSearch<'_, '_> {
         [along(left, right), along(index.checked_sub(width), Some(index + width))]
     }
 
-    /// Adds `−∂E/∂x` of the image term to the gradient.
+    /// Adds `−∂E/∂x` of the image term to the gradient; `memory` has [`gradient_words`].
     #[inline(never)]
-    pub(super) fn add_gradient(&mut self, shading: &Shading) {
-        let (unit, width) = (self.pixel_weight(), self.width());
-        self.add_gradient_of(|search, [x, y], hit| {
+    pub(super) fn add_gradient(
+        &self,
+        common: &Common<'_, '_>,
+        memory: &mut [f32],
+        gradient: &mut [f32],
+    ) {
+        let (unit, width) = (common.pixel_weight(), self.width());
+        let shading = Shading::new(&self.view);
+        let pixels = self.planes.mask.len();
+        let Some((taken, memory)) = memory.split_at_mut_checked(pixels) else { return };
+        let mut planes = memory.chunks_exact_mut(pixels.max(1));
+        let mut plane = || planes.next().unwrap_or_default();
+        self.find_taken(common, [taken, plane(), plane(), plane(), plane()]);
+        self.add_gradient_of(common, memory, gradient, |[x, y], hit| {
             let index = y * width + x;
-            let weight = at(search.planes.weights, index) * unit;
-            if weight < 1e-3 * unit {
+            let weight = at(self.planes.weights, index);
+            if weight < 1e-3 {
                 return None;
             }
-            let (corners, point) = search.point(shading, hit)?;
-            let difference = sub(search.photo(index), point.color);
-            let adjoint = shading.adjoint(&point, scale(difference, weight));
-            let by_place = search.differences(x, y).map(|d| -weight * dot(difference, d));
+            let (corners, point) = common.point(&shading, hit)?;
+            let cost = self.cost(index, at(taken, index)).map(|cost| unit * cost);
+            let adjoint = shading.adjoint(&point, cost);
+            let by_place = self.differences(x, y).map(|d| -dot(cost, d));
             Some(Pixel { corners, weights: point.weights, adjoint, by_place })
         });
+    }
+
+    /// A pixel's weighted difference, minus what shade takes off it.
+    #[inline(always)]
+    pub(super) fn cost(&self, index: usize, taken: f32) -> Vec3 {
+        let weight = at(self.planes.weights, index);
+        self.difference(index).map(|d| weight * d - taken)
     }
 
     /// Adds what pixels cost, of which `of` tells.
     #[inline(always)]
     pub(super) fn add_gradient_of(
-        &mut self,
-        of: impl Fn(&Self, [usize; 2], &Hit) -> Option<Pixel>,
-    ) {
-        self.in_passing(|search, memory| search.add_gradient_in(memory, of));
-    }
-
-    #[inline(always)]
-    fn add_gradient_in(
-        &mut self,
+        &self,
+        common: &Common<'_, '_>,
         memory: &mut [f32],
-        of: impl Fn(&Self, [usize; 2], &Hit) -> Option<Pixel>,
+        gradient: &mut [f32],
+        of: impl Fn([usize; 2], &Hit) -> Option<Pixel>,
     ) {
-        let Some(costs) = Costs::new(self.problem.model.vertices(), memory) else { return };
+        let Common { problem, surface, layout, .. } = common;
+        let (model, engine) = (problem.model, problem.engine);
+        let Some(costs) = Costs::new(model.vertices(), memory) else { return };
         let mut light = [[0.0_f64; 3]; 9];
         let mut color = [0.0_f64; COLOR];
         for y in self.frame.rows() {
             for x in self.frame.columns() {
                 let Some(hit) = self.frame.hit(x, y) else { continue };
-                let Some(pixel) = of(self, [x, y], &hit) else { continue };
+                let Some(pixel) = of([x, y], &hit) else { continue };
                 let Pixel { corners, weights, adjoint, by_place } = pixel;
                 for (vertex, w) in corners.into_iter().zip(weights) {
                     let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {
@@ -135,41 +170,39 @@ impl ModeSearch<'_, '_> {
             }
         }
         let mut pose = [0.0_f64; POSE];
-        let view = Window::new(&self.scene);
+        let window = Window::new(&self.view);
         for (v, cost) in costs.positions.iter_mut().enumerate() {
             let [x, y, ..] = *cost;
             if x != 0.0 || y != 0.0 {
-                let (moved, by_pose) = view.adjoint(xyz(at(self.surface.positions, v)), [x, y]);
+                let (moved, by_pose) = window.adjoint(xyz(at(surface.positions, v)), [x, y]);
                 *cost = [moved[0], moved[1], moved[2], 0.0];
                 for (sum, p) in pose.iter_mut().zip(by_pose) {
                     *sum += f64::from(p);
                 }
             }
         }
-        for v in 0..self.problem.model.vertices() {
+        for v in 0..model.vertices() {
             let cost = xyz(at(costs.normals, v));
             if cost == [0.0; 3] {
                 continue;
             }
-            let turned = apply(&view.rotation, cross(xyz(at(self.surface.normals, v)), cost));
+            let turned = apply(&window.rotation, cross(xyz(at(surface.normals, v)), cost));
             for (sum, t) in pose.iter_mut().zip(turned) {
                 *sum += f64::from(t);
             }
             let positions = &mut *costs.positions;
-            self.surface.normal_adjoint(self.problem.model, v, [cost], |vertex, [cost]| {
+            surface.normal_adjoint(model, v, [cost], |vertex, [cost]| {
                 if let Some(to) = positions.get_mut(vertex) {
                     *to = [to[0] + cost[0], to[1] + cost[1], to[2] + cost[2], 0.0];
                 }
             });
         }
-        let model = self.problem.model;
-        let Some(parts) = self.layout.split(self.gradient) else { return };
+        let Some(parts) = layout.split(gradient, self.number) else { return };
         for (g, p) in parts.pose.iter_mut().zip(pose) {
             *g += p as f32;
         }
-        let transposed = self.problem.engine.transposed;
-        transposed(&model.shape, costs.positions, parts.shape);
-        transposed(&model.albedo, costs.albedo, parts.albedo);
+        (engine.transposed)(&model.shape, costs.positions, parts.shape);
+        (engine.transposed)(&model.albedo, costs.albedo, parts.albedo);
         for (g, l) in parts.light.as_flattened_mut().iter_mut().zip(light.as_flattened()) {
             *g += *l as f32;
         }

@@ -4,23 +4,22 @@
 //! `q = ‖Δ‖²/σ²`: like a Gaussian's nearby, but one that is far off has little to say. Its
 //! equations count with `(ν + 2)/(ν + q)`, the weight of iteratively reweighted least squares.
 
-use super::unknowns::POSE;
+use super::state::Common;
 use super::vector::dot;
 use super::window::Window;
 use crate::least_squares::Equations;
-use crate::likelihood::landmarks::{Landmarks, Points};
+use crate::likelihood::landmarks::Landmarks;
 use crate::math;
-use crate::model::Model;
-use crate::scene::Scene;
+use crate::scene::{Subject, View};
 
 /// Degrees of freedom ν.
 const LANDMARK_FREEDOM: f64 = 8.0;
 
 /// Negative log density of the landmarks, up to a constant; `sd` is in pixels.
-pub(super) fn energy(landmarks: &Landmarks<'_>, scene: &Scene, points: &Points, sd: f32) -> f64 {
+pub(super) fn energy(landmarks: &Landmarks<'_>, subject: &Subject, view: &View, sd: f32) -> f64 {
     let sd = f64::from(sd);
     landmarks
-        .samples(scene, points)
+        .samples(view, &landmarks.points(&subject.shape))
         .map(|sample| {
             let [x, y] = sample.residual.map(f64::from);
             let q = (x * x + y * y) / (sd * sd);
@@ -29,19 +28,22 @@ pub(super) fn energy(landmarks: &Landmarks<'_>, scene: &Scene, points: &Points, 
         .sum()
 }
 
-/// Adds the landmarks' equations. `components` is scratch, as long as there are coefficients.
+/// Adds the landmarks' equations in the view of this number. `components` is scratch, as long as
+/// there are shape coefficients or longer.
 pub(super) fn add_equations(
-    model: &Model<'_>,
+    common: &Common<'_, '_>,
     landmarks: &Landmarks<'_>,
-    scene: &Scene,
-    sd: f32,
+    view: &View,
+    number: usize,
     components: &mut [[f32; 3]],
     system: &mut impl Equations,
 ) {
-    let view = Window::new(scene);
-    let points = landmarks.points(&scene.subject.shape);
-    for sample in landmarks.samples(scene, &points) {
-        model.shape.at(sample.vertex, components);
+    let Common { layout, subject, .. } = common;
+    let sd = common.problem.config.landmark_sd;
+    let window = Window::new(view);
+    let components = components.get_mut(..layout.shape_rank).unwrap_or_default();
+    for sample in landmarks.samples(view, &landmarks.points(&subject.shape)) {
+        common.problem.model.shape.at(sample.vertex, components);
         let [x, y] = sample.residual;
         let q = (x * x + y * y) / (sd * sd);
         let freedom = LANDMARK_FREEDOM as f32;
@@ -49,14 +51,16 @@ pub(super) fn add_equations(
         for (axis, residual) in [x, y].into_iter().enumerate() {
             let mut cost = [0.0; 2];
             cost[axis] = 1.0;
-            let (moved, pose) = view.adjoint(sample.point, cost);
+            let (moved, pose) = window.adjoint(sample.point, cost);
             let row = system.row();
             row.fill(0.0);
-            for (out, p) in row.iter_mut().zip(pose) {
-                *out = p;
-            }
-            for (out, b) in row.get_mut(POSE..).unwrap_or_default().iter_mut().zip(&*components) {
+            for (out, b) in row.iter_mut().zip(&*components) {
                 *out = dot(moved, *b);
+            }
+            for (out, p) in
+                row.get_mut(layout.pose(number)).unwrap_or_default().iter_mut().zip(pose)
+            {
+                *out = p;
             }
             system.add(weight, residual);
         }

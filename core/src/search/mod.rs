@@ -18,6 +18,7 @@
 //! are sought at every level ([`Level`]).
 
 mod curvature;
+mod evidence;
 mod gradient;
 mod held;
 mod image_term;
@@ -34,18 +35,13 @@ mod window;
 
 use crate::chain::{ChainError, Problem};
 use crate::least_squares::{System, system_words};
-use crate::scene::Scene;
-use core::f32::consts::{FRAC_PI_2, PI};
+use crate::scene::Subject;
+pub use evidence::Evidence;
 pub(crate) use held::Held;
-use shading::Shading;
+use state::Common;
 pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words, words_for};
-use surface::at;
-use unknowns::{Layout, advance};
+use unknowns::VIEW;
 
-/// Iterations on the landmarks alone, for the pose.
-const POSE_ITERATIONS: u32 = 40;
-/// Rolls to begin with, radians.
-const WAYS_UP: [f32; 4] = [0.0, FRAC_PI_2, PI, -FRAC_PI_2];
 /// Decrease of `E` below which a step counts as none.
 const STILL: f64 = 0.02;
 /// The same where a finer level follows, which will change far more.
@@ -73,121 +69,79 @@ pub struct Iteration {
 }
 
 impl<'a, 'w> ModeSearch<'a, 'w> {
-    /// Checks the problem, finds the pose by the landmarks and is ready to look at the picture.
+    /// Checks the problem, finds the pose by the landmarks and is ready to look at the photo, in
+    /// [`words`] of memory.
     ///
     /// # Errors
-    /// Whatever in the problem does not fit together, see [`ChainError`]; [`Options::open`] of
-    /// another size than the picture.
+    /// Whatever in the problem does not fit together, see [`ChainError`].
     pub fn new(
         problem: Problem<'a>,
         options: Options<'a>,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let observed = problem.check()?;
-        if options.open.is_some_and(|open| open.len() != problem.image.pixels.len()) {
-            return Err(ChainError::Image);
+        Self::of_photos(problem, options, memory)
+    }
+}
+
+impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
+    /// The same of several photos of one subject.
+    ///
+    /// # Errors
+    /// Those of [`ModeSearch::new`]; more photos than there is room for.
+    pub fn of_photos(
+        problem: Problem<'a>,
+        options: Options<'a>,
+        memory: &'w mut [u32],
+    ) -> Result<Self, ChainError> {
+        let mut search = Self::carve(problem, options, memory)?;
+        let Self { common, first, others, scratch, passing, .. } = &mut search;
+        for evidence in core::iter::once(&mut *first).chain(&mut *others) {
+            evidence.find_pose(common, scratch, passing);
         }
-        let needed = words(&problem);
-        let error = ChainError::Memory { needed, found: memory.len() };
-        if memory.len() < needed {
-            return Err(error);
+        let prior = search.common.priors().energy_of_subject(&search.common.subject);
+        let mut energy = Energy { prior, ..Energy::default() };
+        for evidence in search.evidence() {
+            energy.landmarks += evidence.landmark_energy(&search.common);
+            energy.prior += search.common.priors().energy_of_view(evidence.view());
         }
-        let mut search = Self::carve(problem, options, &observed, memory).ok_or(error)?;
-        search.find_pose();
-        search.look_outside();
+        search.energy = energy;
+        search.render();
+        search.rendered = true;
+        let Self { first, others, passing, .. } = &mut search;
+        for evidence in core::iter::once(first).chain(others) {
+            evidence.look_outside(passing);
+        }
         search.enter(0);
         Ok(search)
     }
 
     /// Whether the mode has been found: the last steps of the finest level changed nothing.
     pub fn converged(&self) -> bool {
-        self.finest() && self.still >= PATIENCE
+        self.common.finest() && self.still >= PATIENCE
     }
 
     /// Whether there is nothing left to do.
     pub fn done(&self) -> bool {
-        self.finest() && (self.still >= PATIENCE || self.iteration >= self.level().iterations)
+        let all = self.iteration >= self.common.level().iterations;
+        self.common.finest() && (self.still >= PATIENCE || all)
     }
 
-    /// Pose and camera by the landmarks, the shape being the mean: upright, unless begun on a side
-    /// or upside down they explain the landmarks better.
-    #[inline(never)]
-    fn find_pose(&mut self) {
-        let mut best: Option<(f64, Scene)> = None;
-        for roll in WAYS_UP {
-            let (energy, scene) = self.find_pose_from(roll);
-            if best.as_ref().is_none_or(|(least, _)| energy < least - 1.0) {
-                best = Some((energy, scene));
-            }
-        }
-        let Some((_, scene)) = best else { return };
-        (self.scene.view.pose, self.scene.view.camera) = (scene.view.pose, scene.view.camera);
-        self.rendered = false;
-        self.initial.clone_from(&self.scene);
-        self.energy.landmarks = self.landmark_energy(&self.scene);
-        self.energy.prior = self.priors().energy(&self.scene);
-    }
-
-    /// The same from a face turned by `roll`, and its energy.
-    fn find_pose_from(&mut self, roll: f32) -> (f64, Scene) {
-        let [width, height] = self.scene.view.camera.image_size;
-        // Without coefficients there are few unknowns; nothing here pulls on light and colour.
-        let mut scene = Scene::initial(width, height, 0, 0);
-        scene.view.pose.roll = roll;
-        let energy = |scene: &Scene, search: &Self| {
-            search.landmark_energy(scene) + search.priors().energy(scene)
-        };
-        let mut damping = 1e-3;
-        for _ in 0..POSE_ITERATIONS {
-            let mut ahead = scene.clone();
-            self.step_pose(&mut ahead, damping);
-            if energy(&ahead, self) < energy(&scene, self) {
-                scene = ahead;
-                damping *= 0.2;
-            } else {
-                damping *= 5.0;
-            }
-        }
-        (energy(&scene, self), scene)
-    }
-
-    /// Goes a step of the pose, of a scene without coefficients.
-    fn step_pose(&mut self, scene: &mut Scene, lambda: f32) -> Option<()> {
-        let layout = Layout { shape_rank: 0, albedo_rank: 0 };
-        let n = layout.len();
-        let priors = self.priors();
-        let (equations, matrix) = self.passing.split_at_mut_checked(system_words(n))?;
-        let mut system = System::new(n, self.problem.engine.normal_equations, equations)?;
-        let (model, sd) = (self.problem.model, self.problem.config.landmark_sd);
-        landmarks::add_equations(model, &self.landmarks, scene, sd, &mut [], &mut system);
-        priors.add(scene, layout, &mut system);
-        system.solve_damped(lambda, pose_damping, matrix, self.step)?;
-        advance(scene, &layout.split(self.step)?);
-        Some(())
-    }
-
-    /// Blurs the photo for a level.
-    #[inline(never)]
+    /// Goes to a level.
     fn enter(&mut self, level: usize) {
-        self.level = level;
         self.iteration = 0;
         self.still = 0;
         self.judged = false;
         self.damping = 1e-2;
-        self.layout = self.layout_of(self.level());
-        let blur = self.level().blur;
-        let width = self.width();
-        for (c, plane) in self.planes.photo.iter_mut().enumerate() {
-            for (value, pixel) in plane.iter_mut().zip(self.problem.image.pixels) {
-                *value = f32::from(at(pixel, c)) / 255.0;
-            }
-            picture::blur(plane, self.passing, width, blur);
+        let Self { common, first, others, passing, .. } = self;
+        common.enter(level);
+        for evidence in core::iter::once(first).chain(others) {
+            evidence.enter(common, passing);
         }
     }
 
     /// Decrease of `E` below which a step of this level counts as none.
     fn calm(&self) -> f64 {
-        if self.finest() { STILL } else { STILL_COARSE }
+        if self.common.finest() { STILL } else { STILL_COARSE }
     }
 
     /// One iteration; `None` when the search is done.
@@ -197,156 +151,161 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         }
         self.make_judged();
         let before = self.energy;
-        let (covered, visible) = self.seen;
-        let shading = Shading::new(&self.scene);
-        self.gradient.fill(0.0);
-        self.add_gradient(&shading);
-        if let Some((scene, energy)) = self.descend(&shading, covered, before) {
-            (self.scene, self.energy) = (scene, energy);
-            self.rendered = true;
-        } else {
+        let seen = self.evidence().map(|evidence| evidence.seen);
+        let (covered, visible) = seen.fold((0, 0.0), |sum, seen| (sum.0 + seen.0, sum.1 + seen.1));
+        self.find_gradient();
+        if self.descend().is_none() {
             // The planes are those of a step that was not taken.
-            self.judge();
+            (self.rendered, self.judged) = (false, false);
+            self.make_judged();
         }
         let after = self.energy;
-        for &parameter in self.scene.parameters() {
-            self.fingerprint.write_f32(&[parameter]);
-        }
-        let level = self.level;
+        self.note();
+        let level = self.common.level;
         let calm = before.total() - after.total() < self.calm();
         self.still = if calm { self.still + 1 } else { 0 };
         self.iteration += 1;
         self.iterations += 1;
-        if !self.finest() && (self.iteration >= self.level().iterations || self.still > 0) {
+        let all = self.iteration >= self.common.level().iterations;
+        if !self.common.finest() && (all || self.still > 0) {
             if LEVELS.get(level + 1).is_some_and(|next| next.blur == 0.0) {
-                self.look_at_eyes();
+                let Self { common, first, others, .. } = self;
+                for evidence in core::iter::once(first).chain(others) {
+                    evidence.look_at_eyes(common);
+                }
             }
             self.enter(level + 1);
         }
         Some(Iteration { level, before, after, damping: self.damping, covered, visible })
     }
 
-    /// Renders the scene and compares it with the photo, unless that has been done.
+    /// Adds what has been found to the fingerprint.
+    fn note(&mut self) {
+        for evidence in core::iter::once(&self.first).chain(&self.others) {
+            for &parameter in evidence.view.parameters() {
+                self.fingerprint.write_f32(&[parameter]);
+            }
+        }
+        let Subject { shape, albedo } = &self.common.subject;
+        for &coefficient in shape.iter().chain(albedo) {
+            self.fingerprint.write_f32(&[coefficient]);
+        }
+    }
+
+    /// Renders what has been found and compares it with the photos, unless that has been done.
     fn make_judged(&mut self) {
+        if !self.rendered {
+            self.render();
+            self.rendered = true;
+        }
         if !self.judged {
-            self.judge();
+            self.energy = Self::judge(
+                &self.common,
+                core::iter::once(&mut self.first).chain(&mut self.others),
+                self.passing,
+            );
+            self.judged = true;
         }
     }
 
-    /// Renders the scene and compares it with the photo.
-    fn judge(&mut self) {
-        self.render();
-        let scene = self.scene.clone();
-        self.energy = self.in_passing(|search, memory| search.evaluate(&scene, memory));
-        self.judged = true;
-    }
-
-    /// Energy of a scene that has been rendered; infinite if nothing of it is seen.
-    fn evaluate(&mut self, scene: &Scene, memory: &mut [f32]) -> Energy {
-        Energy {
-            image: self.compare(scene, memory).unwrap_or(f64::INFINITY),
-            landmarks: self.landmark_energy(scene),
-            prior: self.priors().energy(scene),
+    /// Compares what has been rendered with the photos; `memory` has room for three planes.
+    fn judge<'e>(
+        common: &Common<'_, '_>,
+        all: impl Iterator<Item = &'e mut Evidence<'a, 'w>>,
+        memory: &mut [f32],
+    ) -> Energy
+    where
+        'a: 'e,
+        'w: 'e,
+    {
+        let prior = common.priors().energy_of_subject(&common.subject);
+        let mut sum = Energy { prior, ..Energy::default() };
+        for evidence in all {
+            let Energy { image, landmarks, prior } = evidence.judge(common, memory);
+            sum.image += image;
+            sum.landmarks += landmarks;
+            sum.prior += prior;
         }
+        sum
     }
 
-    fn landmark_energy(&self, scene: &Scene) -> f64 {
-        let points = self.landmarks.points(&scene.subject.shape);
-        let sd = self.problem.config.landmark_sd;
-        landmarks::energy(&self.landmarks, scene, &points, sd)
+    /// The image terms' derivative.
+    fn find_gradient(&mut self) {
+        let Self { common, first, others, passing, gradient, .. } = self;
+        gradient.fill(0.0);
+        for evidence in core::iter::once(&*first).chain(&*others) {
+            evidence.add_gradient(common, passing, gradient);
+        }
     }
 
     /// Solves for a step and takes it if it lowers the energy; otherwise damps more.
     #[inline(never)]
-    fn descend(
-        &mut self,
-        shading: &Shading,
-        covered: usize,
-        before: Energy,
-    ) -> Option<(Scene, Energy)> {
-        self.in_passing(|search, memory| search.descend_in(memory, shading, covered, before))
-    }
-
-    fn descend_in(
-        &mut self,
-        memory: &mut [f32],
-        shading: &Shading,
-        covered: usize,
-        before: Energy,
-    ) -> Option<(Scene, Energy)> {
-        let n = self.layout.len();
-        let (equations, matrix) = memory.split_at_mut_checked(system_words(n))?;
-        let mut system = System::new(n, self.problem.engine.normal_equations, equations)?;
-        self.add_equations(shading, covered, self.level().samples, &mut system)?;
-        system.push(self.gradient);
-        let light = self.layout.light()..self.layout.color();
-        let damping = |i: usize| {
-            if light.contains(&i) { 1.0 } else { pose_damping(i) }
+    fn descend(&mut self) -> Option<()> {
+        let calm = self.calm();
+        let Self { common, first, others, scratch, passing, gradient, step, .. } = self;
+        let n = common.layout.len();
+        let (equations, matrix) = passing.split_at_mut_checked(system_words(n))?;
+        let mut system = System::new(n, common.problem.engine.normal_equations, equations)?;
+        let samples = common.level().samples;
+        for evidence in core::iter::once(&*first).chain(&*others) {
+            evidence.add_equations(common, samples, self.iterations, scratch, &mut system);
+        }
+        common.priors().add_of_subject(&common.subject, common.layout, &mut system);
+        system.push(gradient);
+        let subject = common.layout.subject();
+        let damping = |i: usize| match i.checked_sub(subject) {
+            Some(i) => evidence::damping(i % VIEW),
+            None => 0.0,
         };
+        let before = common.subject.clone();
         for _ in 0..TRIES {
-            if system.solve_damped(self.damping, damping, matrix, self.step).is_some() {
+            if system.solve_damped(self.damping, damping, matrix, step).is_some() {
                 // To damp more will gain less.
-                if system.gain(self.step) < 0.5 * self.calm() {
+                if system.gain(step) < 0.5 * calm {
                     return None;
                 }
-                let mut scene = self.scene.clone();
-                advance(&mut scene, &self.layout.split(self.step)?);
-                self.render_other(&scene);
-                let after = self.evaluate(&scene, matrix);
-                if after.total() < before.total() {
+                if let Some(parts) = common.layout.split(step, 0) {
+                    parts.advance_subject(&mut common.subject);
+                }
+                let Problem { model, engine, .. } = common.problem;
+                common.surface.update(model, engine, &common.subject);
+                for evidence in core::iter::once(&mut *first).chain(&mut *others) {
+                    evidence.advance(common.layout, step);
+                    evidence.render(common);
+                }
+                let all = core::iter::once(&mut *first).chain(&mut *others);
+                let after = Self::judge(common, all, matrix);
+                if after.total() < self.energy.total() {
+                    self.energy = after;
                     self.damping = (0.25 * self.damping).max(1e-5);
-                    return Some((scene, after));
+                    return Some(());
+                }
+                common.subject.clone_from(&before);
+                for evidence in core::iter::once(&mut *first).chain(&mut *others) {
+                    evidence.retreat();
                 }
             }
             self.damping = (5.0 * self.damping).min(1e6);
         }
         None
     }
-}
 
-impl ModeSearch<'_, '_> {
-    /// Adds the Gauss–Newton matrix of so many pixels, and what landmarks and priors say.
-    fn add_equations(
-        &mut self,
-        shading: &Shading,
-        covered: usize,
-        samples: usize,
-        system: &mut System<'_>,
-    ) -> Option<()> {
-        self.add_curvature(shading, covered, samples, system);
-        landmarks::add_equations(
-            self.problem.model,
-            &self.landmarks,
-            &self.scene,
-            self.problem.config.landmark_sd,
-            self.components.get_mut(..self.layout.shape_rank)?,
-            system,
-        );
-        self.priors().add(&self.scene, self.layout, system);
-        Some(())
-    }
-
-    /// Factorises the Gauss–Newton matrix of the scene as it is by Cholesky's method, from so many
+    /// Factorises the Gauss–Newton matrix of what has been found by Cholesky's method, from so many
     /// pixels, into [`matrix_words`](crate::least_squares::matrix_words) of memory; `None` if there
     /// is too little.
     pub(crate) fn factorise(&mut self, samples: usize, factor: &mut [f32]) -> Option<()> {
         self.make_judged();
-        let (shading, covered) = (Shading::new(&self.scene), self.seen.0);
-        self.in_passing(|search, memory| {
-            let n = search.layout.len();
-            let equations = memory.get_mut(..system_words(n))?;
-            let mut system = System::new(n, search.problem.engine.normal_equations, equations)?;
-            search.add_equations(&shading, covered, samples, &mut system)?;
-            // So little that it is lost but where nothing is known.
-            system.solve_damped(1e-6, |_| 1e-6, factor, search.step)
-        })
+        let Self { common, first, others, scratch, passing, step, .. } = self;
+        let n = common.layout.len();
+        let equations = passing.get_mut(..system_words(n))?;
+        let mut system = System::new(n, common.problem.engine.normal_equations, equations)?;
+        for evidence in core::iter::once(&*first).chain(&*others) {
+            evidence.add_equations(common, samples, self.iterations, scratch, &mut system);
+        }
+        common.priors().add_of_subject(&common.subject, common.layout, &mut system);
+        // So little that it is lost but where nothing is known.
+        system.solve_damped(1e-6, |_| 1e-6, factor, step)
     }
-}
-
-/// Levenberg's absolute damping of pose and camera: half a radian, 100 mm, half the focal length;
-/// none of anything else.
-fn pose_damping(i: usize) -> f32 {
-    [4.0, 4.0, 4.0, 1e-4, 1e-4, 4.0, 0.0].get(i).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

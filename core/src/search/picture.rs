@@ -5,9 +5,9 @@ use crate::math;
 use core::ops::Range;
 
 /// The widest blur, pixels.
-pub(super) const MAX_BLUR: f32 = 4.0;
+pub(super) const MAX_BLUR: f32 = 6.0;
 /// Taps to each side of the widest blur: three standard deviations.
-const REACH: usize = 12;
+const REACH: usize = 18;
 
 /// One half of a Gaussian, the centre first.
 struct Kernel {

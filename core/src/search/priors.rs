@@ -1,11 +1,11 @@
 //! What is known of pose, camera, light and colours before the picture is seen.
 
-use super::unknowns::{LIGHT, Layout};
+use super::unknowns::Layout;
 use crate::least_squares::Equations;
 use crate::light::{self, Light, SCALE};
 use crate::likelihood::prior::Prior;
 use crate::math;
-use crate::scene::Scene;
+use crate::scene::{Camera, Subject, View};
 
 /// Band of each spherical-harmonics coefficient.
 const BAND: [usize; 9] = [0, 1, 1, 1, 2, 2, 2, 2, 2];
@@ -64,17 +64,11 @@ fn sum_of_squares(values: &[f32]) -> f64 {
 pub(super) struct Priors<'a> {
     pub(super) prior: &'a Prior,
     pub(super) widths: Widths,
-    /// The default camera's focal length.
-    pub(super) focal_length: f32,
 }
 
 impl Priors<'_> {
-    fn ln_distance(&self, scene: &Scene) -> f32 {
-        math::ln_f32(-scene.view.pose.translation[2] / self.prior.distance)
-    }
-
-    fn ln_focal(&self, scene: &Scene) -> f32 {
-        math::ln_f32(scene.view.camera.focal_length / self.focal_length)
+    fn ln_distance(&self, view: &View) -> f32 {
+        math::ln_f32(-view.pose.translation[2] / self.prior.distance)
     }
 
     /// Standard deviation of an albedo coefficient.
@@ -92,30 +86,36 @@ impl Priors<'_> {
         (at(self.widths.intensity) / scale, at(self.widths.chroma) / scale)
     }
 
-    /// Negative log density, up to a constant; infinite if the object is not before the camera.
-    pub(super) fn energy(&self, scene: &Scene) -> f64 {
-        let Self { prior, widths, .. } = self;
-        if !(scene.view.pose.translation[2] < 0.0) || !(scene.view.camera.focal_length > 0.0) {
-            return f64::INFINITY;
-        }
-        let squares = sum_of_squares(&scene.subject.shape);
-        let mut sum = 0.5 * f64::from(precision(widths.shape)) * squares
-            + energy(self.ln_distance(scene), prior.distance_sd)
-            + energy(self.ln_focal(scene), widths.focal);
-        for (i, &c) in scene.subject.albedo.iter().enumerate() {
+    /// Negative log density of a subject, up to a constant.
+    pub(super) fn energy_of_subject(&self, subject: &Subject) -> f64 {
+        let squares = sum_of_squares(&subject.shape);
+        let mut sum = 0.5 * f64::from(precision(self.widths.shape)) * squares;
+        for (i, &c) in subject.albedo.iter().enumerate() {
             sum += energy(c, self.albedo(i));
         }
+        sum
+    }
+
+    /// Negative log density of a view, up to a constant; infinite if the object is not before the
+    /// camera.
+    pub(super) fn energy_of_view(&self, view: &View) -> f64 {
+        let Self { prior, widths, .. } = self;
+        if !(view.pose.translation[2] < 0.0) || !(view.camera.focal_length > 0.0) {
+            return f64::INFINITY;
+        }
+        let mut sum = energy(self.ln_distance(view), prior.distance_sd)
+            + energy(ln_focal(view), widths.focal);
         for axis in 0..2 {
-            sum += energy(scene.view.pose.translation[axis], widths.translation);
+            sum += energy(view.pose.translation[axis], widths.translation);
         }
         for c in 0..3 {
-            sum += energy(scene.view.color.gain[c] - 1.0, prior.gain_sd)
-                + energy(scene.view.color.offset[c], prior.offset_sd);
+            sum += energy(view.color.gain[c] - 1.0, prior.gain_sd)
+                + energy(view.color.offset[c], prior.offset_sd);
         }
-        sum += energy(scene.view.color.contrast - 1.0, prior.contrast_sd);
+        sum += energy(view.color.contrast - 1.0, prior.contrast_sd);
         let expected = light::frontal();
-        sum += energy(level(&scene.view.light) - level(&expected), widths.level);
-        for (i, (channels, expected)) in scene.view.light.iter().zip(expected).enumerate() {
+        sum += energy(level(&view.light) - level(&expected), widths.level);
+        for (i, (channels, expected)) in view.light.iter().zip(expected).enumerate() {
             let (intensity, chroma) = self.light(i);
             let mean = mean(*channels);
             sum += energy(mean - expected[0], intensity);
@@ -126,54 +126,62 @@ impl Priors<'_> {
         sum
     }
 
-    /// Adds the priors' equations.
-    pub(super) fn add<E: Equations>(&self, scene: &Scene, layout: Layout, system: &mut E) {
+    /// Adds the equations of a subject's priors.
+    pub(super) fn add_of_subject(
+        &self,
+        subject: &Subject,
+        layout: Layout,
+        system: &mut impl Equations,
+    ) {
+        for (i, &c) in subject.shape.iter().enumerate().take(layout.shape_rank) {
+            system.pull(i, precision(self.widths.shape), c);
+        }
+        for (i, &c) in subject.albedo.iter().enumerate().take(layout.albedo_rank) {
+            system.pull(layout.shape_rank + i, precision(self.albedo(i)), c);
+        }
+    }
+
+    /// Adds those of the view of this number.
+    pub(super) fn add_of_view(
+        &self,
+        view: &View,
+        number: usize,
+        layout: Layout,
+        system: &mut impl Equations,
+    ) {
         let Self { prior, widths, .. } = self;
-        let mut at = 0;
-        let mut pull = |system: &mut E, precision: f32, x: f32| {
-            system.pull(at, precision, x);
-            at += 1;
-        };
-        // The rotation is uniform; zoom and recede come below.
-        for _ in 0..3 {
-            pull(system, 0.0, 0.0);
-        }
+        // The rotation is uniform; the logarithm of the focal length is the sum of two unknowns.
+        let pose = layout.pose(number).start;
         for axis in 0..2 {
-            let x = scene.view.pose.translation[axis];
-            pull(system, precision(widths.translation), x);
+            let x = view.pose.translation[axis];
+            system.pull(pose + 3 + axis, precision(widths.translation), x);
         }
-        pull(system, 0.0, 0.0);
-        pull(system, precision(prior.distance_sd), self.ln_distance(scene));
-        for &c in scene.subject.shape.iter().take(layout.shape_rank) {
-            pull(system, precision(widths.shape), c);
+        system.pull(pose + 6, precision(prior.distance_sd), self.ln_distance(view));
+        couple(
+            system,
+            &[(pose + 5, 1.0), (pose + 6, 1.0)],
+            precision(widths.focal),
+            ln_focal(view),
+        );
+        let color = layout.color(number).start;
+        for c in 0..3 {
+            system.pull(color + c, precision(prior.gain_sd), view.color.gain[c] - 1.0);
+            system.pull(color + 4 + c, precision(prior.offset_sd), view.color.offset[c]);
         }
-        for (i, &c) in scene.subject.albedo.iter().enumerate().take(layout.albedo_rank) {
-            pull(system, precision(self.albedo(i)), c);
-        }
-        for _ in 0..LIGHT {
-            pull(system, 0.0, 0.0);
-        }
-        for gain in scene.view.color.gain {
-            pull(system, precision(prior.gain_sd), gain - 1.0);
-        }
-        pull(system, precision(prior.contrast_sd), scene.view.color.contrast - 1.0);
-        for offset in scene.view.color.offset {
-            pull(system, precision(prior.offset_sd), offset);
-        }
-        // The logarithm of the focal length is the sum of two unknowns.
-        couple(system, &[(5, 1.0), (6, 1.0)], precision(widths.focal), self.ln_focal(scene));
+        system.pull(color + 3, precision(prior.contrast_sd), view.color.contrast - 1.0);
+        let first_light = layout.light(number).start;
         let expected = light::frontal();
         let mut terms = [(0, 0.0); 9];
         for (terms, (i, weight)) in terms.as_chunks_mut::<3>().0.iter_mut().zip(LEVEL) {
             for (c, term) in terms.iter_mut().enumerate() {
-                *term = (layout.light() + 3 * i + c, weight * (1.0 / 3.0));
+                *term = (first_light + 3 * i + c, weight * (1.0 / 3.0));
             }
         }
-        let above = level(&scene.view.light) - level(&expected);
+        let above = level(&view.light) - level(&expected);
         couple(system, &terms, precision(widths.level), above);
-        for (i, (channels, expected)) in scene.view.light.iter().zip(expected).enumerate() {
+        for (i, (channels, expected)) in view.light.iter().zip(expected).enumerate() {
             let (intensity, chroma) = self.light(i);
-            let first = layout.light() + 3 * i;
+            let first = first_light + 3 * i;
             let third = 1.0 / 3.0;
             let all = [(first, third), (first + 1, third), (first + 2, third)];
             let mean = mean(*channels);
@@ -187,6 +195,12 @@ impl Priors<'_> {
             }
         }
     }
+}
+
+/// Logarithm of the focal length over the default camera's.
+fn ln_focal(view: &View) -> f32 {
+    let [width, height] = view.camera.image_size;
+    math::ln_f32(view.camera.focal_length / Camera::for_image(width, height).focal_length)
 }
 
 /// Coefficients of the light that surfaces get which face the camera, and their basis functions on

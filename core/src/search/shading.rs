@@ -14,9 +14,9 @@ use super::vector::{Vec3, add, apply, apply_transposed, dot, scale, sub, times};
 use crate::color::{ColorTransform, LUMINANCE, color_matrix};
 use crate::light::{self, ModelLight};
 use crate::math;
-use crate::scene::Scene;
+use crate::scene::View;
 
-/// Light and colour transform of a scene.
+/// Light and colour transform of a view.
 pub(super) struct Shading {
     light: ModelLight,
     mix: [Vec3; 3],
@@ -57,12 +57,12 @@ pub(super) struct Adjoint {
 }
 
 impl Shading {
-    pub(super) fn new(scene: &Scene) -> Self {
-        let rotation = scene.view.pose.rotation();
+    pub(super) fn new(view: &View) -> Self {
+        let rotation = view.pose.rotation();
         Self {
-            light: ModelLight::new(&scene.view.light, &rotation),
-            mix: color_matrix(&scene.view.color),
-            color: scene.view.color,
+            light: ModelLight::new(&view.light, &rotation),
+            mix: color_matrix(&view.color),
+            color: view.color,
             rotation,
         }
     }

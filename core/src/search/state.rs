@@ -1,19 +1,17 @@
 //! The state of a search, in the caller's memory.
 
-use super::occlusion;
+use super::evidence::{Evidence, evidence_words};
+use super::gradient::gradient_words;
 use super::priors::{Priors, Widths};
 use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
-use crate::basis::{ByVertex, by_vertex_words, padded};
-use crate::chain::{Dimensions, Problem};
+use crate::basis::{ByVertex, by_vertex_words};
+use crate::chain::{ChainError, Dimensions, Photo, Problem};
 use crate::hash::Fnv64;
 use crate::least_squares::{matrix_words, system_words};
 use crate::likelihood::background::HISTOGRAM_LEN;
-use crate::likelihood::landmarks::{Landmarks, rows_words};
-use crate::math;
 use crate::memory::Carver;
-use crate::render::rasterize::{Frame, frame_words};
-use crate::scene::{Camera, MAX_RANK, Scene};
+use crate::scene::{MAX_RANK, Scene, Subject, View};
 
 /// One resolution of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,49 +44,43 @@ pub struct Options<'a> {
     pub widths: Widths,
     /// Whether pixels may show something else than the face.
     pub occlusion: bool,
-    /// Where the face may be seen, if that is known: 255 of a pixel that may show it, 0 of one that
-    /// cannot, in between a part of its weight; row by row, as many as the picture has.
-    pub open: Option<&'a [u8]>,
+    /// More photos of the same subject, besides the problem's.
+    pub others: &'a [Photo<'a>],
 }
 
 impl Default for Options<'_> {
     fn default() -> Self {
-        Self { widths: Widths::default(), occlusion: true, open: None }
-    }
-}
-
-impl Options<'_> {
-    /// How much a pixel may show the face, 0 to 1.
-    pub(super) fn open_at(&self, index: usize) -> f32 {
-        self.open.map_or(1.0, |open| f32::from(open.get(index).copied().unwrap_or(0)) / 255.0)
+        Self { widths: Widths::default(), occlusion: true, others: &[] }
     }
 }
 
 /// Words of memory a [`ModeSearch`] of a problem needs. Without copies of the bases if it is to be
 /// [lean](Problem::lean): then it is slower, with the same bits.
-pub fn words(problem: &Problem<'_>) -> usize {
-    words_for(&problem.dimensions(), problem.model.triangles.len())
+pub fn words(problem: &Problem<'_>, options: &Options<'_>) -> usize {
+    let first = problem.dimensions();
+    let photos = || core::iter::once(&problem.photo).chain(options.others);
+    let pixels = photos().map(|photo| photo.image.pixels.len()).max().unwrap_or(0);
+    let own = photos().map(|photo| evidence_words(&photo.dimensions(&first))).sum::<usize>();
+    shared_words(&first, 1 + options.others.len(), pixels, problem.model.triangles.len()) + own
 }
 
-/// The same of sizes that are known before there is a problem.
-///
-/// Per pixel what is visible (4), photo and rendering (3 each), the background's density, mask and
-/// weight; per vertex its position, normal, albedo and window coordinates (4 each), whether it is
-/// likely to be hidden, and where its faces are listed, 3 per triangle; the landmarks' rows of the basis; what is needed in passing;
-/// and, unless it is to be lean, copies of the bases.
+/// The same of one photo and sizes that are known before there is a problem.
 pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
-    let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
+    shared_words(d, 1, d.width * d.height, triangles) + evidence_words(d)
+}
+
+/// Words of what photos share, the largest of so many pixels.
+///
+/// Per vertex its position, normal and albedo (4 each) and where its faces are listed, 3 per
+/// triangle; what is needed in passing; and, unless it is to be lean, copies of the bases.
+const fn shared_words(d: &Dimensions, views: usize, pixels: usize, triangles: usize) -> usize {
+    let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank, views };
     let n = layout.len();
-    let pixels = d.width * d.height;
-    let rest = frame_words(d.width, d.height)
-        + surface_words(d.vertices, triangles)
-        + d.vertices.div_ceil(4)
+    surface_words(d.vertices, triangles)
         + 3 * d.shape_rank
         + copies_words(d)
-        + rows_words(d.landmarks, d.shape_rank)
         + passing_words(d.vertices, pixels, n)
-        + 5 * n;
-    9 * pixels + rest
+        + 5 * n
 }
 
 /// Words of copies of both bases, which cost memory and save time.
@@ -99,14 +91,14 @@ const fn copies_words(d: &Dimensions) -> usize {
     by_vertex_words(d.vertices, d.shape_rank) + by_vertex_words(d.vertices, d.albedo_rank)
 }
 
-/// Words of what is needed in passing, one after another: the histogram of the background; what
-/// vertices cost; equations, and beside them their matrix or three planes.
+/// Words of what is needed in passing, one after another: the histogram of the background; the
+/// gradient's; equations, and beside them their matrix or three planes.
 const fn passing_words(vertices: usize, pixels: usize, n: usize) -> usize {
     let equations = system_words(n) + larger(matrix_words(n), 3 * pixels);
-    larger(larger(HISTOGRAM_LEN, Costs::words(vertices)), equations)
+    larger(larger(HISTOGRAM_LEN, gradient_words(vertices, pixels)), equations)
 }
 
-const fn larger(a: usize, b: usize) -> usize {
+pub(super) const fn larger(a: usize, b: usize) -> usize {
     if a > b { a } else { b }
 }
 
@@ -128,214 +120,19 @@ impl Energy {
     }
 }
 
-/// Planes of a picture, a number per pixel.
-pub(super) struct Planes<'w> {
-    /// The photo at this level.
-    pub(super) photo: [&'w mut [f32]; 3],
-    /// The rendering; NaN where nothing is covered.
-    pub(super) rendering: [&'w mut [f32]; 3],
-    pub(super) ln_background: &'w mut [f32],
-    /// Probability that a covered pixel shows the face; 0 where nothing is covered.
-    pub(super) mask: &'w mut [f32],
-    /// What a pixel's squared difference counts, in units of [`ModeSearch::pixel_weight`].
-    pub(super) weights: &'w mut [f32],
-}
-
-/// Of every vertex, what it costs to change it.
-pub(super) struct Costs<'p> {
-    pub(super) normals: &'p mut [[f32; 4]],
-    pub(super) albedo: &'p mut [[f32; 4]],
-    /// First of the window coordinates, then of the positions.
-    pub(super) positions: &'p mut [[f32; 4]],
-}
-
-impl<'p> Costs<'p> {
-    /// Words of the costs.
-    const fn words(vertices: usize) -> usize {
-        3 * 4 * padded(vertices)
-    }
-
-    /// No costs yet; `None` if there is too little memory.
-    pub(super) fn new(vertices: usize, memory: &'p mut [f32]) -> Option<Self> {
-        let memory = memory.get_mut(..Self::words(vertices))?;
-        memory.fill(0.0);
-        let (quads, _) = memory.as_chunks_mut();
-        let (normals, rest) = quads.split_at_mut_checked(padded(vertices))?;
-        let (albedo, positions) = rest.split_at_mut_checked(padded(vertices))?;
-        Some(Self { normals, albedo, positions })
-    }
-}
-
-/// A running search.
-pub struct ModeSearch<'a, 'w> {
+/// What all photos share: whom they show, and how that is looked for.
+pub(super) struct Common<'a, 'w> {
     pub(super) problem: Problem<'a>,
-    pub(super) options: Options<'a>,
-    /// By vertex, how likely it is to be hidden before the photo is seen, see [`occlusion::fill`].
-    pub(super) hidden: &'w mut [u8],
+    pub(super) widths: Widths,
+    pub(super) level: usize,
     /// Of the unknowns at this level.
     pub(super) layout: Layout,
-    pub(super) scene: Scene,
-    /// What the search for the pose by landmarks came to.
-    pub(super) initial: Scene,
-    pub(super) landmarks: Landmarks<'w>,
-    pub(super) planes: Planes<'w>,
-    pub(super) frame: Frame<'w>,
+    pub(super) subject: Subject,
+    /// The subject's, once it has been computed.
     pub(super) surface: Surface<'w>,
-    /// Whether frame and surface are the scene's.
-    pub(super) rendered: bool,
-    /// A vertex's components of the shape.
-    pub(super) components: &'w mut [[f32; 3]],
-    /// Shape and albedo by vertex, unless memory is scarce.
-    pub(super) by_vertex: [Option<ByVertex<'w>>; 2],
-    /// Of a pixel's three channels.
-    pub(super) rows: [&'w mut [f32]; 3],
-    /// Of what is needed in passing, see [`passing_words`].
-    pub(super) passing: &'w mut [f32],
-    pub(super) gradient: &'w mut [f32],
-    pub(super) step: &'w mut [f32],
-    pub(super) fingerprint: Fnv64,
-    pub(super) damping: f32,
-    pub(super) level: usize,
-    pub(super) iteration: u32,
-    pub(super) iterations: u32,
-    pub(super) still: u32,
-    /// Covered pixels, and the sum of the mask.
-    pub(super) seen: (usize, f32),
-    /// What the pixels that the face covers by the landmarks alone have to say.
-    pub(super) expected: f32,
-    /// Whether energy and planes are the scene's at this level.
-    pub(super) judged: bool,
-    pub(super) energy: Energy,
 }
 
-impl<'a, 'w> ModeSearch<'a, 'w> {
-    /// Carves the memory; `None` if it is shorter than [`words`].
-    #[inline(never)]
-    pub(super) fn carve(
-        problem: Problem<'a>,
-        options: Options<'a>,
-        observed: &[(u32, [f32; 2])],
-        memory: &'w mut [u32],
-    ) -> Option<Self> {
-        let Problem { model, image, config, .. } = problem;
-        let d = problem.dimensions();
-        let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank };
-        let n = layout.len();
-        let pixels = d.width * d.height;
-        let mut carver = Carver::new(memory);
-        let mut plane = || carver.floats(pixels);
-        let planes = Planes {
-            photo: [plane()?, plane()?, plane()?],
-            rendering: [plane()?, plane()?, plane()?],
-            ln_background: plane()?,
-            mask: plane()?,
-            weights: plane()?,
-        };
-        let frame = Frame::carve(&mut carver, d.width, d.height)?;
-        let surface = Surface::carve(&mut carver, model)?;
-        let components = carver.groups(d.shape_rank)?;
-        let mut by_vertex = [None, None];
-        if !d.lean {
-            let halves = [(&model.shape, d.shape_rank), (&model.albedo, d.albedo_rank)];
-            for (copy, (basis, rank)) in by_vertex.iter_mut().zip(halves) {
-                *copy = Some(ByVertex::carve(&mut carver, basis, d.vertices, rank)?);
-            }
-        }
-        let sd = config.landmark_sd;
-        let landmarks = Landmarks::gather(&mut carver, model, observed, d.shape_rank, sd)?;
-        let hidden = carver.bytes(d.vertices.div_ceil(4))?;
-        hidden.fill(occlusion::NEVER);
-        if options.occlusion {
-            occlusion::fill(model, hidden);
-        }
-        let scene = Scene::initial(image.width, image.height, d.shape_rank, d.albedo_rank);
-        Some(Self {
-            problem,
-            options,
-            hidden,
-            layout,
-            initial: scene.clone(),
-            scene,
-            landmarks,
-            planes,
-            frame,
-            surface,
-            rendered: false,
-            components,
-            by_vertex,
-            rows: [carver.floats(n)?, carver.floats(n)?, carver.floats(n)?],
-            passing: carver.floats(passing_words(d.vertices, pixels, n))?,
-            gradient: carver.floats(n)?,
-            step: carver.floats(n)?,
-            fingerprint: Fnv64::default(),
-            damping: 1e-2,
-            level: 0,
-            iteration: 0,
-            iterations: 0,
-            still: 0,
-            seen: (0, 0.0),
-            expected: 0.0,
-            judged: false,
-            energy: Energy::default(),
-        })
-    }
-
-    /// The scene so far.
-    pub fn scene(&self) -> &Scene {
-        &self.scene
-    }
-
-    /// The scene by the landmarks alone.
-    pub fn initial(&self) -> &Scene {
-        &self.initial
-    }
-
-    /// Probability of every pixel to show the face, row by row; 0 where the face does not reach.
-    pub fn mask(&self) -> &[f32] {
-        self.planes.mask
-    }
-
-    /// What is fitted to what.
-    pub(crate) fn problem(&self) -> Problem<'a> {
-        self.problem
-    }
-
-    /// The unknowns that are sought.
-    pub(crate) fn layout(&self) -> Layout {
-        self.layout
-    }
-
-    /// Root mean square difference per channel between photo and rendering, `[0, 1]`, of the pixels
-    /// of the scene so far, each as much as it shows the face.
-    pub fn seen_rmse(&self) -> f64 {
-        let Planes { photo, rendering, mask, .. } = &self.planes;
-        let (mut sum, mut seen) = (0.0, 0.0);
-        for (photo, rendering) in photo.iter().zip(rendering) {
-            for ((p, r), m) in photo.iter().zip(&**rendering).zip(&**mask) {
-                if *m > 0.0 && !r.is_nan() {
-                    sum += f64::from(m * (p - r) * (p - r));
-                    seen += f64::from(*m);
-                }
-            }
-        }
-        math::sqrt_f64(sum / f64::max(seen, f64::MIN_POSITIVE))
-    }
-
-    /// Energy of the scene so far, at its level.
-    pub fn energy(&self) -> Energy {
-        self.energy
-    }
-
-    /// Iterations so far.
-    pub fn iterations(&self) -> u32 {
-        self.iterations
-    }
-
-    /// Hash of every scene on the way.
-    pub fn fingerprint(&self) -> u64 {
-        self.fingerprint.finish()
-    }
-
+impl<'a> Common<'a, '_> {
     /// Whether the level is the last.
     pub(super) fn finest(&self) -> bool {
         self.level + 1 == LEVELS.len()
@@ -346,19 +143,13 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         LEVELS.get(self.level).copied().unwrap_or(LEVELS[LEVELS.len() - 1])
     }
 
-    /// What is sought at a level.
-    pub(super) fn layout_of(&self, level: Level) -> Layout {
+    /// Goes to a level.
+    pub(super) fn enter(&mut self, level: usize) {
+        self.level = level;
+        let most = self.level().components;
         let Dimensions { shape_rank, albedo_rank, .. } = self.problem.dimensions();
-        let [shape_rank, albedo_rank] =
-            [shape_rank, albedo_rank].map(|rank| rank.min(level.components));
-        Layout { shape_rank, albedo_rank }
-    }
-
-    /// The priors at work.
-    pub(super) fn priors(&self) -> Priors<'a> {
-        let [width, height] = self.scene.view.camera.image_size;
-        let focal_length = Camera::for_image(width, height).focal_length;
-        Priors { prior: &self.problem.config.prior, widths: self.options.widths, focal_length }
+        self.layout.shape_rank = shape_rank.min(most);
+        self.layout.albedo_rank = albedo_rank.min(most);
     }
 
     /// Standard deviation of a pixel's channel at this level.
@@ -366,33 +157,182 @@ impl<'a, 'w> ModeSearch<'a, 'w> {
         self.level().error * self.problem.config.pixel_sd
     }
 
-    /// Pixels of a row.
-    pub(super) fn width(&self) -> usize {
-        self.problem.image.width as usize
+    /// What a squared difference of colours counts.
+    pub(super) fn pixel_weight(&self) -> f32 {
+        let sd = self.sd();
+        1.0 / (sd * sd * self.patch())
     }
 
-    /// Hands out the memory of what is needed in passing.
-    pub(super) fn in_passing<T>(&mut self, f: impl FnOnce(&mut Self, &mut [f32]) -> T) -> T {
-        let memory = core::mem::take(&mut self.passing);
-        let result = f(self, memory);
-        self.passing = memory;
-        result
+    /// Pixels that share one independent error. What the model cannot explain of a subject is wrong
+    /// in all its photos alike, so that many say no more of it than one.
+    pub(super) fn patch(&self) -> f32 {
+        self.problem.config.pixel_patch * self.layout.views as f32
     }
 
-    /// Computes and rasterizes the surface of the scene, unless that has been done.
-    pub(super) fn render(&mut self) {
-        if !self.rendered {
-            let scene = self.scene.clone();
-            self.render_other(&scene);
-            self.rendered = true;
+    /// The priors at work.
+    pub(super) fn priors(&self) -> Priors<'a> {
+        Priors { prior: &self.problem.config.prior, widths: self.widths }
+    }
+}
+
+/// What rows of the matrix are made with.
+pub(super) struct Scratch<'w> {
+    /// A vertex's components of the shape.
+    pub(super) components: &'w mut [[f32; 3]],
+    /// Shape and albedo by vertex, unless memory is scarce.
+    pub(super) by_vertex: [Option<ByVertex<'w>>; 2],
+    /// Of a pixel's three channels.
+    pub(super) rows: [&'w mut [f32]; 3],
+}
+
+/// A running search, with room for so many photos besides the first.
+pub struct ModeSearch<'a, 'w, const OTHERS: usize = 0> {
+    pub(super) common: Common<'a, 'w>,
+    pub(super) first: Evidence<'a, 'w>,
+    pub(super) others: heapless::Vec<Evidence<'a, 'w>, OTHERS>,
+    pub(super) scratch: Scratch<'w>,
+    /// Of what is needed in passing, see [`passing_words`].
+    pub(super) passing: &'w mut [f32],
+    pub(super) gradient: &'w mut [f32],
+    pub(super) step: &'w mut [f32],
+    pub(super) fingerprint: Fnv64,
+    pub(super) damping: f32,
+    pub(super) iteration: u32,
+    pub(super) iterations: u32,
+    pub(super) still: u32,
+    /// Whether surface and frames are the subject's and its views'.
+    pub(super) rendered: bool,
+    /// Whether energy and planes are theirs at this level.
+    pub(super) judged: bool,
+    pub(super) energy: Energy,
+}
+
+impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
+    /// Checks what is to be fitted, and carves the memory.
+    #[inline(never)]
+    pub(super) fn carve(
+        problem: Problem<'a>,
+        options: Options<'a>,
+        memory: &'w mut [u32],
+    ) -> Result<Self, ChainError> {
+        problem.check()?;
+        for photo in core::iter::once(&problem.photo).chain(options.others) {
+            photo.check(problem.model)?;
         }
+        let needed = words(&problem, &options);
+        let error = ChainError::Memory { needed, found: memory.len() };
+        if memory.len() < needed {
+            return Err(error);
+        }
+        let Problem { model, photo, .. } = problem;
+        let d = problem.dimensions();
+        let views = 1 + options.others.len();
+        let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank, views };
+        let n = layout.len();
+        let mut carver = Carver::new(memory);
+        let first = Evidence::carve(&mut carver, &problem, &options, &photo, 0)?.ok_or(error)?;
+        let mut others = heapless::Vec::new();
+        let mut pixels = photo.image.pixels.len();
+        for (i, photo) in options.others.iter().enumerate() {
+            let evidence = Evidence::carve(&mut carver, &problem, &options, photo, 1 + i)?;
+            let evidence = evidence.ok_or(error)?;
+            let full = |_| ChainError::Photos { found: views };
+            others.push(evidence).map_err(full)?;
+            pixels = pixels.max(photo.image.pixels.len());
+        }
+        let surface = Surface::carve(&mut carver, model).ok_or(error)?;
+        let common = Common {
+            problem,
+            widths: options.widths,
+            level: 0,
+            layout,
+            subject: Subject::mean(d.shape_rank, d.albedo_rank),
+            surface,
+        };
+        let mut floats = |count| carver.floats(count).ok_or(error);
+        let rows = [floats(n)?, floats(n)?, floats(n)?];
+        let passing = floats(passing_words(d.vertices, pixels, n))?;
+        let (gradient, step) = (floats(n)?, floats(n)?);
+        let components = carver.groups(d.shape_rank).ok_or(error)?;
+        let mut by_vertex = [None, None];
+        if !d.lean {
+            let halves = [(&model.shape, d.shape_rank), (&model.albedo, d.albedo_rank)];
+            for (copy, (basis, rank)) in by_vertex.iter_mut().zip(halves) {
+                let made = ByVertex::carve(&mut carver, basis, d.vertices, rank);
+                *copy = Some(made.ok_or(error)?);
+            }
+        }
+        Ok(Self {
+            common,
+            first,
+            others,
+            scratch: Scratch { components, by_vertex, rows },
+            passing,
+            gradient,
+            step,
+            fingerprint: Fnv64::default(),
+            damping: 1e-2,
+            iteration: 0,
+            iterations: 0,
+            still: 0,
+            rendered: false,
+            judged: false,
+            energy: Energy::default(),
+        })
     }
 
-    /// Computes and rasterizes the surface of a scene that may become the search's.
-    pub(super) fn render_other(&mut self, scene: &Scene) {
-        self.rendered = false;
-        let Problem { model, engine, .. } = self.problem;
-        self.surface.update(model, engine, scene);
-        (engine.rasterize)(model.triangles, self.surface.window, &mut self.frame);
+    /// The subject so far.
+    pub fn subject(&self) -> &Subject {
+        &self.common.subject
+    }
+
+    /// What the photos say, one by one.
+    pub fn evidence(&self) -> impl Iterator<Item = &Evidence<'a, 'w>> {
+        core::iter::once(&self.first).chain(&self.others)
+    }
+
+    /// The first photo's scene so far.
+    pub fn scene(&self) -> Scene {
+        Scene { subject: self.common.subject.clone(), view: *self.first.view() }
+    }
+
+    /// The view of the first photo by its landmarks alone, the subject being the mean.
+    pub fn initial(&self) -> &View {
+        self.first.initial()
+    }
+
+    /// The first photo's mask, see [`Evidence::mask`].
+    pub fn mask(&self) -> &[f32] {
+        self.first.mask()
+    }
+
+    /// Energy of what has been found so far, at its level.
+    pub fn energy(&self) -> Energy {
+        self.energy
+    }
+
+    /// Iterations so far.
+    pub fn iterations(&self) -> u32 {
+        self.iterations
+    }
+
+    /// Hash of every subject and its views on the way.
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint.finish()
+    }
+
+    /// The unknowns that are sought.
+    pub(crate) fn layout(&self) -> Layout {
+        self.common.layout
+    }
+
+    /// Computes and rasterizes the subject's surface in every view.
+    pub(super) fn render(&mut self) {
+        let Common { problem: Problem { model, engine, .. }, subject, surface, .. } =
+            &mut self.common;
+        surface.update(model, engine, subject);
+        for evidence in core::iter::once(&mut self.first).chain(&mut self.others) {
+            evidence.render(&self.common);
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! The surface of the hypothesis: positions, normals, albedo, and how normals follow positions.
+//! The surface of the subject: positions, normals, albedo, and how normals follow positions.
 //!
 //! A vertex normal is `n = S/‖S‖`, `S` the sum of the unit normals `N/‖N‖`, `N = e₁ × e₂`, of the
 //! faces around it. Backwards, with `σ = (I − n nᵀ)/‖S‖ · ∂E/∂n`, each of these faces passes on
@@ -10,11 +10,11 @@ use crate::engine::{Engine, Quad};
 use crate::math;
 use crate::memory::Carver;
 use crate::model::{Model, Triangles};
-use crate::scene::Scene;
+use crate::scene::Subject;
 
 /// Words of memory a [`Surface`] needs.
 pub(super) const fn surface_words(vertices: usize, triangles: usize) -> usize {
-    4 * 4 * padded(vertices) + (padded(vertices) + 1) + 3 * triangles
+    3 * 4 * padded(vertices) + (padded(vertices) + 1) + 3 * triangles
 }
 
 /// A model's instance.
@@ -25,8 +25,6 @@ pub(super) struct Surface<'w> {
     pub(super) normals: &'w mut [Quad],
     /// RGB.
     pub(super) albedo: &'w mut [Quad],
-    /// Window coordinates and inverse distance.
-    pub(super) window: &'w mut [Quad],
     /// Where each vertex's faces begin in `around`.
     starts: &'w mut [u32],
     around: &'w mut [u32],
@@ -58,7 +56,7 @@ impl<'w> Surface<'w> {
         let n = padded(model.vertices());
         let triangles = model.triangles;
         let mut quads = || carver.quads(n);
-        let [positions, normals, albedo, window] = [quads()?, quads()?, quads()?, quads()?];
+        let [positions, normals, albedo] = [quads()?, quads()?, quads()?];
         let starts = carver.words(n + 1)?;
         let around = carver.words(3 * triangles.len())?;
         starts.fill(0);
@@ -79,14 +77,13 @@ impl<'w> Surface<'w> {
                 *around.get_mut(*start as usize)? = t;
             }
         }
-        Some(Self { positions, normals, albedo, window, starts, around })
+        Some(Self { positions, normals, albedo, starts, around })
     }
 
-    /// Computes everything of a scene's coefficients, pose and camera.
-    pub(super) fn update(&mut self, model: &Model<'_>, engine: &Engine, scene: &Scene) {
-        (engine.instance)(&model.shape, sought(&scene.subject.shape), self.positions);
-        (engine.instance)(&model.albedo, sought(&scene.subject.albedo), self.albedo);
-        (engine.project)(scene, self.positions, self.window);
+    /// Computes everything of a subject's coefficients.
+    pub(super) fn update(&mut self, model: &Model<'_>, engine: &Engine, subject: &Subject) {
+        (engine.instance)(&model.shape, sought(&subject.shape), self.positions);
+        (engine.instance)(&model.albedo, sought(&subject.albedo), self.albedo);
         self.normals.fill([0.0; 4]);
         for t in 0..model.triangles.len() {
             let Some(corners) = model.triangles.get(t) else { continue };

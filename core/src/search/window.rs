@@ -2,7 +2,7 @@
 
 use super::unknowns::POSE;
 use super::vector::{Vec3, add, apply, apply_transposed, cross, scale};
-use crate::scene::{PixelCamera, Scene};
+use crate::scene::{PixelCamera, View};
 
 /// How window coordinates follow positions, pose and camera.
 pub(super) struct Window {
@@ -14,12 +14,12 @@ pub(super) struct Window {
 }
 
 impl Window {
-    pub(super) fn new(scene: &Scene) -> Self {
+    pub(super) fn new(view: &View) -> Self {
         Self {
-            rotation: scene.view.pose.rotation(),
-            translation: scene.view.pose.translation,
-            scale: scene.view.pose.scale,
-            pixel: scene.view.camera.pixel_scale(),
+            rotation: view.pose.rotation(),
+            translation: view.pose.translation,
+            scale: view.pose.scale,
+            pixel: view.camera.pixel_scale(),
         }
     }
 

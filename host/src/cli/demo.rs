@@ -6,8 +6,8 @@ use clap::Args;
 use onescan::demo::{subjects, template_model};
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
-use onescan::fit::output::{self, Finished, Names};
-use onescan::fit::summary::DemoSummary;
+use onescan::fit::output::{self, Finished, Names, PhotoNames};
+use onescan::fit::summary::Summaries;
 use onescan::fit::{Ending, Job, Schedule};
 use onescan::photo::Crop;
 use onescan::photo::picture::{Picture, contact_sheet};
@@ -87,13 +87,9 @@ impl Demo {
             else {
                 return Err(Error::new("the fit was stopped"));
             };
-            let names = Names {
-                model: "face.3dmm".into(),
-                image: subject.file.into(),
-                landmarks: tlms,
-                mask: None,
-            };
-            let result = output::finish(&job, &fit, names)?;
+            let photo = PhotoNames { image: subject.file.into(), landmarks: tlms, mask: None };
+            let names = Names { model: "face.3dmm".into(), photos: vec![photo] };
+            let result = output::finish(&job, &fit, &names, 0)?;
             output::write(&directory, &result)?;
             console.say(output::closing_line(&result.summary));
             results.push((result, subject.about));
@@ -103,7 +99,7 @@ impl Demo {
         let page = report::demo_report(&results, &sheet, model.provenance())?;
         put(&self.out.join("report.html"), page.as_bytes())?;
         let fits = results.into_iter().map(|(result, _)| result.summary).collect();
-        put(&self.out.join("summary.json"), DemoSummary { fits }.to_json()?.as_bytes())?;
+        put(&self.out.join("summary.json"), Summaries { fits }.to_json()?.as_bytes())?;
         console.say(format_args!("open {}", self.out.join("report.html").display()));
         Ok(())
     }

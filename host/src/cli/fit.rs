@@ -5,8 +5,8 @@ use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::fit::checkpoint::Save;
-use onescan::fit::output::{self, Names};
-use onescan::fit::{self, Control, Ending, Job, Schedule};
+use onescan::fit::output::{self, Finished, Names, PhotoNames};
+use onescan::fit::{self, Control, Ending, Job, Schedule, find_mode};
 use onescan::interchange;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
@@ -16,13 +16,14 @@ use onescan::report;
 use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::scene::MAX_RANK;
+use onescan_core::search::unknowns::MAX_PHOTOS;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Fit a model to a photo with landmarks.
+/// Fit a model to a photo with landmarks, or to several photos of one person.
 ///
 /// Searches for the mode of the posterior of pose, camera, light, colour, shape and albedo: some
 /// thirty steps on everything at once, each with a mask of what hides the face. Or, with --schedule
@@ -31,6 +32,12 @@ use std::time::Duration;
 /// Writes to the output directory: report.html, overlay.png and photo.png (the model on the photo),
 /// landmarks.png, mesh.ply and mesh.glb, fit.json and fit.rps (all parameters); of a search mask.png
 /// (white: the face is seen) and behind.png (the model behind what hides it) as well.
+///
+/// Of several photos (2 to 8, with as many landmark files, in the same order) it finds one face, and
+/// each photo's pose, camera and light: more views show more of the shape. Each photo's files then go
+/// to a folder named like it; report.html, summary.json and the meshes stand beside.
+///
+/// Example: onescan fit face.3dmm a.jpg b.jpg --landmarks a.tlms b.tlms -o out
 ///
 /// Landmarks are in pixels of the photo, y down, left the subject's left. Those far from where the
 /// fit has them are named; a search bears a wrong one or two.
@@ -41,19 +48,22 @@ use std::time::Duration;
 pub(super) struct Fit {
     /// The model, with landmarks: .3dmm, .h5 or .h5.json.
     model: PathBuf,
-    /// The photo, PNG or JPEG.
-    image: PathBuf,
-    /// Landmarks in the photo: .tlms (lines of `name visible x y`), or .pts (68 points).
-    #[arg(long)]
-    landmarks: PathBuf,
+    /// The photo, or photos of one person, PNG or JPEG.
+    #[arg(num_args = 1..)]
+    images: Vec<PathBuf>,
+    /// Landmarks in the photo: .tlms (lines of `name visible x y`), or .pts (68 points); a file per
+    /// photo.
+    #[arg(long, required = true, num_args = 1..)]
+    landmarks: Vec<PathBuf>,
     /// Directory to write to.
     #[arg(short, long)]
     output: PathBuf,
     /// What hides the face in the photo: a picture of the whole photo's size, PNG or JPEG, black where
     /// the face cannot be seen (a hand, a microphone), white where it may; grey counts in part. Hair
-    /// and glasses need none. (The mask.png that fits write is of the cut-out, and no such picture.)
-    #[arg(long, value_name = "FILE")]
-    mask: Option<PathBuf>,
+    /// and glasses need none. (The mask.png that fits write is of the cut-out, and no such picture.) Of
+    /// several photos, a file per photo.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    mask: Vec<PathBuf>,
     /// How to fit.
     #[arg(long, value_enum, default_value_t)]
     schedule: Schedule,
@@ -140,14 +150,18 @@ fn at_least_one(text: &str) -> std::result::Result<f32, String> {
 }
 
 impl Fit {
-    pub(super) fn run(self, console: Console) -> Result<()> {
+    pub(super) fn run(mut self, console: Console) -> Result<()> {
+        self.sort_out();
         if let (Schedule::Mode, Some(option)) = (self.schedule, self.chain.given()) {
             return Err(Error::new(format_args!(
                 "{option} is for chains, and --schedule mode (the default) runs none; add \
                  --schedule paper, or leave {option} out"
             )));
         }
-        if let (Schedule::Paper | Schedule::Sampler, Some(mask)) = (self.schedule, &self.mask) {
+        self.check_counts()?;
+        if let (Schedule::Paper | Schedule::Sampler, Some(mask)) =
+            (self.schedule, self.mask.first())
+        {
             return Err(Error::file(
                 mask,
                 "a mask is for --schedule mode; chains take all they cover for the face",
@@ -156,39 +170,9 @@ impl Fit {
         output_directory(&self.output)?;
         let file = interchange::open(&self.model)?;
         let model = file.view();
-        let photo = photo::read(&self.image)?;
-        let mut landmarks = Tlms::read(&self.landmarks)?;
-        let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
-        if names.is_empty() {
-            return Err(Error::file(
-                &self.model,
-                "has no landmarks, so nothing says where it is in a photo; build it with --landmarks",
-            ));
-        }
-        if Tlms::is_pts(&self.landmarks) {
-            landmarks.keep(&names);
-        }
-        landmarks
-            .check(photo.width, photo.height, &names)
-            .map_err(|e| Error::file(&self.landmarks, e))?;
-        let mask = self.mask.as_deref().map(|path| read_mask(path, &photo)).transpose()?;
-        let crop = self
-            .crop(&model, &landmarks, [photo.width, photo.height])
-            .map_err(|e| Error::file(&self.landmarks, e))?;
-        let job = Job {
-            model: &model,
-            photo: &photo,
-            landmarks: &landmarks,
-            crop,
-            mask: mask.as_ref(),
-            schedule: self.schedule,
-            config: self.config(&model),
-            seed: self.seed,
-            chains: self.chain.chains.unwrap_or(1),
-        };
-        let checkpoint = self.output.join("checkpoint.bin");
-        let resume = if self.chain.resume { Some(Save::read(&checkpoint)?) } else { None };
-
+        let looks =
+            (0..self.images.len()).map(|i| self.look(&model, i)).collect::<Result<Vec<_>>>()?;
+        let jobs: Vec<_> = looks.iter().map(|look| self.job(&model, look)).collect();
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             // The second signal ends the program at once.
@@ -196,12 +180,104 @@ impl Fit {
                 .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
                 .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
         }
+        match &jobs[..] {
+            [job] => self.run_one(job, &stop, model.provenance(), console),
+            jobs => self.run_several(jobs, &stop, model.provenance(), console),
+        }
+    }
+
+    /// Photos may be named after the landmarks, whose option then took them.
+    fn sort_out(&mut self) {
+        let is_photo = |path: &Path| {
+            let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+            ["png", "jpg", "jpeg"].iter().any(|e| extension == *e)
+        };
+        if self.images.is_empty() {
+            let given = std::mem::take(&mut self.landmarks);
+            (self.images, self.landmarks) = given.into_iter().partition(|path| is_photo(path));
+        }
+    }
+
+    /// Whether there is a file of landmarks, and of the mask if any, for every photo.
+    fn check_counts(&self) -> Result<()> {
+        let photos = self.images.len();
+        if photos == 0 {
+            return Err(Error::new("no photo; name it after the model (PNG or JPEG)"));
+        }
+        if photos > MAX_PHOTOS {
+            return Err(Error::new(format_args!(
+                "{photos} photos; a fit takes at most {MAX_PHOTOS} of one person"
+            )));
+        }
+        if let (Schedule::Paper | Schedule::Sampler, 2..) = (self.schedule, photos) {
+            return Err(Error::new("a chain fits one photo; several are for --schedule mode"));
+        }
+        let wrong = |what: &str, found: usize| {
+            Err(Error::new(format_args!(
+                "{photos} photo(s) and {found} {what} file(s); name one per photo, in the same order"
+            )))
+        };
+        if self.landmarks.len() != photos {
+            return wrong("--landmarks", self.landmarks.len());
+        }
+        if !self.mask.is_empty() && self.mask.len() != photos {
+            return wrong("--mask", self.mask.len());
+        }
+        Ok(())
+    }
+
+    /// Reads a photo and what goes with it.
+    fn look(&self, model: &Model<'_>, number: usize) -> Result<Look> {
+        let (image, path) = (&self.images[number], &self.landmarks[number]);
+        let photo = photo::read(image)?;
+        let mut landmarks = Tlms::read(path)?;
+        let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
+        if names.is_empty() {
+            return Err(Error::file(
+                &self.model,
+                "has no landmarks, so nothing says where it is in a photo; build it with --landmarks",
+            ));
+        }
+        if Tlms::is_pts(path) {
+            landmarks.keep(&names);
+        }
+        landmarks.check(photo.width, photo.height, &names).map_err(|e| Error::file(path, e))?;
+        let mask = self.mask.get(number).map(|path| read_mask(path, &photo)).transpose()?;
+        let crop = self
+            .crop(model, &landmarks, [photo.width, photo.height])
+            .map_err(|e| Error::file(path, e))?;
+        Ok(Look { photo, landmarks, mask, crop })
+    }
+
+    fn job<'a>(&self, model: &'a Model<'a>, look: &'a Look) -> Job<'a> {
+        Job {
+            model,
+            photo: &look.photo,
+            landmarks: &look.landmarks,
+            crop: look.crop,
+            mask: look.mask.as_ref(),
+            schedule: self.schedule,
+            config: self.config(model),
+            seed: self.seed,
+            chains: self.chain.chains.unwrap_or(1),
+        }
+    }
+
+    fn run_one(
+        &self,
+        job: &Job<'_>,
+        stop: &AtomicBool,
+        provenance: &str,
+        console: Console,
+    ) -> Result<()> {
+        let checkpoint = self.output.join("checkpoint.bin");
+        let resume = if self.chain.resume { Some(Save::read(&checkpoint)?) } else { None };
         // What a fit can still be refused for.
-        let culprit = if self.chain.resume { Some(&checkpoint) } else { self.mask.as_ref() };
-        match watch(&stop, console.task("fitting", job.steps()), |control| job.run(resume, control))
+        let culprit = if self.chain.resume { Some(&checkpoint) } else { self.mask.first() };
+        match watch(stop, console.task("fitting", job.steps()), |control| job.run(resume, control))
             .map_err(|e| culprit.map_or_else(|| e.clone(), |file| Error::file(file, &e)))?
         {
-            Ending::Stopped(None) => Err(Error::new("interrupted; nothing was written")),
+            Ending::Stopped(None) => Err(interrupted()),
             Ending::Stopped(Some(save)) => {
                 let bytes = save.to_bytes()?;
                 write_atomically(&checkpoint, |out| out.write_all(&bytes))?;
@@ -211,7 +287,10 @@ impl Fit {
                 ))
             }
             Ending::Done(fit) => {
-                self.write(&job, &fit, model.provenance(), console)?;
+                let result = output::finish(job, &fit, &self.names(), 0)?;
+                output::write(&self.output, &result)?;
+                say(&result, console);
+                self.write_report(&report::fit_report(&result, provenance)?, console)?;
                 if self.chain.resume {
                     remove_if_there(&checkpoint);
                 }
@@ -220,28 +299,65 @@ impl Fit {
         }
     }
 
-    fn write(
+    fn run_several(
         &self,
-        job: &Job<'_>,
-        fit: &fit::Fit,
+        jobs: &[Job<'_>],
+        stop: &AtomicBool,
         provenance: &str,
         console: Console,
     ) -> Result<()> {
-        let names = Names {
+        let steps = jobs.first().map_or(0, Job::steps);
+        let found =
+            watch(stop, console.task("fitting", steps), |control| find_mode(jobs, control))?;
+        let fits = found.ok_or_else(interrupted)?;
+        let names = self.names();
+        let mut results = Vec::new();
+        for (i, (job, fit)) in jobs.iter().zip(&fits).enumerate() {
+            let result = output::finish(job, fit, &names, i)?;
+            let folder = self.folder(i);
+            let directory = self.output.join(&folder);
+            output_directory(&directory)?;
+            output::write(&directory, &result)?;
+            say(&result, console);
+            results.push((result, folder));
+        }
+        let page = report::subject_report(&results, provenance)?;
+        let results: Vec<_> = results.into_iter().map(|(result, _)| result).collect();
+        for (name, bytes) in output::files_of_all(&results)? {
+            write_atomically(&self.output.join(name), |out| out.write_all(&bytes))?;
+        }
+        self.write_report(&page, console)
+    }
+
+    /// Where a photo's files go: a folder named like it, numbered if another photo is called the same.
+    fn folder(&self, number: usize) -> String {
+        let stem =
+            |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let own = stem(&self.images[number]);
+        let mut others = self.images.iter().enumerate().filter(|(i, _)| *i != number);
+        if others.any(|(_, path)| stem(path) == own) {
+            return format!("{}-{own}", number + 1);
+        }
+        own
+    }
+
+    fn names(&self) -> Names {
+        let photos = self.images.iter().zip(&self.landmarks).enumerate();
+        Names {
             model: file_name(&self.model),
-            image: file_name(&self.image),
-            landmarks: file_name(&self.landmarks),
-            mask: self.mask.as_deref().map(file_name),
-        };
-        let result = output::finish(job, fit, names)?;
-        output::write(&self.output, &result)?;
-        let page = report::fit_report(&result, provenance)?;
+            photos: photos
+                .map(|(i, (image, landmarks))| PhotoNames {
+                    image: file_name(image),
+                    landmarks: file_name(landmarks),
+                    mask: self.mask.get(i).map(|path| file_name(path)),
+                })
+                .collect(),
+        }
+    }
+
+    fn write_report(&self, page: &str, console: Console) -> Result<()> {
         let report = self.output.join("report.html");
         write_atomically(&report, |out| out.write_all(page.as_bytes()))?;
-        for warning in &result.summary.warnings {
-            console.say(format_args!("warning: {warning}"));
-        }
-        console.say(output::closing_line(&result.summary));
         console.say(format_args!("open {}", report.display()));
         Ok(())
     }
@@ -274,6 +390,26 @@ impl Fit {
             config.pixel_patch = self.pixel_patch.unwrap_or(config.pixel_patch);
         })
     }
+}
+
+/// A photo and what goes with it.
+struct Look {
+    photo: Picture,
+    landmarks: Tlms,
+    mask: Option<Picture>,
+    crop: Crop,
+}
+
+fn interrupted() -> Error {
+    Error::new("interrupted; nothing was written")
+}
+
+/// Says how a fit went.
+fn say(result: &Finished, console: Console) {
+    for warning in &result.summary.warnings {
+        console.say(format_args!("warning: {warning}"));
+    }
+    console.say(output::closing_line(&result.summary));
 }
 
 /// Reads the mask of a photo.

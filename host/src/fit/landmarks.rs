@@ -10,7 +10,7 @@ use onescan_core::chain::{Config, Problem};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
-use onescan_core::scene::{MAX_RANK, Scene};
+use onescan_core::scene::{MAX_RANK, View};
 use onescan_core::search::{self, ModeSearch, Options};
 
 /// A landmark farther from its fitted place than this many standard deviations is named.
@@ -32,8 +32,8 @@ const ENOUGH_CONTRAST: f64 = 0.04;
 /// How the mean of a model, in its best pose, explains landmarks.
 #[derive(Clone, Debug)]
 pub struct Explained {
-    /// The pose and camera.
-    pub scene: Scene,
+    /// Pose and camera.
+    pub view: View,
     /// Negative log density per landmark, up to a constant; 0 if all lie where the mean has them.
     pub energy: f64,
     /// Mean cosine between the surface's normal at a landmark and the way to the camera: negative
@@ -58,15 +58,15 @@ pub fn explain(
         (config.shape_rank, config.albedo_rank, config.landmark_sd) = (0, 0, sd);
     });
     let problem = Problem::new(model, image, landmarks, &config);
-    let mut memory = vec![0; search::words(&problem)];
+    let mut memory = vec![0; search::words(&problem, &Options::default())];
     let search = ModeSearch::new(problem, Options::default(), &mut memory).map_err(Error::new)?;
-    let scene = search.initial().clone();
+    let view = *search.initial();
     let count = landmarks.len().max(1) as f64;
     let vertices: Vec<u32> = landmarks.iter().filter_map(|l| model.landmark(l.name)).collect();
-    let rotation = scene.view.pose.rotation();
+    let rotation = view.pose.rotation();
     let cosine = |&v: &u32| {
         let normal = normal(model, v);
-        let point = scene.view.pose.to_world(model.shape.mean_at(v as usize));
+        let point = view.pose.to_world(model.shape.mean_at(v as usize));
         let turned = rotation.map(|row| dot(row, normal));
         let lengths = (dot(turned, turned) * dot(point, point)).sqrt();
         if lengths > 0.0 { f64::from(-dot(turned, point) / lengths) } else { 0.0 }
@@ -74,7 +74,7 @@ pub fn explain(
     Ok(Explained {
         energy: search.energy().landmarks / count,
         facing: vertices.iter().map(cosine).sum::<f64>() / count,
-        scene,
+        view,
     })
 }
 
@@ -144,7 +144,7 @@ pub fn check_sides(
         return Ok(());
     }
     // Names exchanged, a face whose y points up stands on its head.
-    let roll = other.scene.view.pose.roll;
+    let roll = other.view.pose.roll;
     Err(Error::new(if roll.cos() > 0.7 {
         "left and right are exchanged: the points fit the model with their names the other way \
          round (left is the subject's left, on the right of a photo that is no selfie)"
@@ -173,7 +173,7 @@ pub fn crop_around(
         |landmarks: &Tlms| Crop::around(&landmarks.visible_points(), photo, Crop::ENLARGE, side);
     let crop = around(landmarks)?;
     let observed = in_crop(landmarks, &crop);
-    let found = explain(model, &observations(&observed), &crop, sd)?.scene;
+    let found = explain(model, &observations(&observed), &crop, sd)?.view;
     let astray = ASTRAY * f64::from(side);
     let near: Vec<&str> = observed
         .iter()
@@ -192,19 +192,19 @@ pub fn crop_around(
 }
 
 /// Pixels from where a scene shows a point of the model to a point of the picture.
-fn distance(scene: &Scene, point: [f32; 3], at: [f32; 2]) -> f64 {
-    let (u, v, _) = scene.view.camera.project(scene.view.pose.to_world(point));
+fn distance(view: &View, point: [f32; 3], at: [f32; 2]) -> f64 {
+    let (u, v, _) = view.camera.project(view.pose.to_world(point));
     f64::from(u - at[0]).hypot(f64::from(v - at[1]))
 }
 
 /// The landmarks beside what the fit found; `points` are the fitted model's vertices.
 pub(super) fn compare(job: &Job<'_>, fit: &Fit, points: &[[f32; 3]]) -> Vec<LandmarkFound> {
-    let scene = &fit.best.scene;
+    let view = &fit.best.scene.view;
     let found = job.landmarks.visible().filter_map(|l| {
         let point = *points.get(job.model.landmark(&l.id)? as usize)?;
         let marked = [f64::from(l.x), f64::from(l.y)];
-        let (u, v, _) = scene.view.camera.project(scene.view.pose.to_world(point));
-        let distance = distance(scene, point, fit.crop.to_crop(marked).map(|c| c as f32));
+        let (u, v, _) = view.camera.project(view.pose.to_world(point));
+        let distance = distance(view, point, fit.crop.to_crop(marked).map(|c| c as f32));
         Some(LandmarkFound {
             name: l.id.clone(),
             marked,

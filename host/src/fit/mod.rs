@@ -26,7 +26,7 @@ use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
 #[cfg(feature = "full")]
-pub use parallel::{Control, Ending};
+pub use parallel::{Control, Ending, find_mode};
 pub use schedule::Schedule;
 use std::collections::BTreeMap;
 

@@ -4,7 +4,9 @@ use super::summary::ModeFound;
 use super::{Fit, Job, Mode, TracePoint};
 use crate::error::{Error, Result};
 use onescan_core::chain::{Chain, Problem, State};
-use onescan_core::search::{self, Iteration, ModeSearch, Options};
+use onescan_core::scene::{Scene, Subject};
+use onescan_core::search::unknowns::MAX_PHOTOS;
+use onescan_core::search::{self, Evidence, Iteration, ModeSearch, Options};
 
 /// The most steps of a search, for a progress bar.
 #[cfg(feature = "full")]
@@ -12,10 +14,13 @@ pub(super) fn most_steps() -> u64 {
     search::LEVELS.iter().map(|level| u64::from(level.iterations)).sum()
 }
 
+/// Room for photos besides the first.
+const OTHERS: usize = MAX_PHOTOS - 1;
+
 /// A search on its way, and its trace.
 pub struct Searching<'a, 'w> {
     /// The search.
-    pub search: ModeSearch<'a, 'w>,
+    pub search: ModeSearch<'a, 'w, OTHERS>,
     trace: Vec<TracePoint>,
     levels: Vec<u8>,
     taken: u64,
@@ -25,13 +30,13 @@ impl<'a, 'w> Searching<'a, 'w> {
     /// Begins, in [`search::words`] of memory.
     ///
     /// # Errors
-    /// Those of [`ModeSearch::new`].
+    /// Those of [`ModeSearch::of_photos`].
     pub fn start(
         problem: Problem<'a>,
         options: Options<'a>,
         memory: &'w mut [u32],
     ) -> Result<Self> {
-        let search = ModeSearch::new(problem, options, memory).map_err(Error::new)?;
+        let search = ModeSearch::of_photos(problem, options, memory).map_err(Error::new)?;
         Ok(Self { search, trace: Vec::new(), levels: Vec::new(), taken: 0 })
     }
 
@@ -56,11 +61,28 @@ impl<'a, 'w> Searching<'a, 'w> {
         &self.levels
     }
 
-    /// What it came to, `seconds` after it started. The problem is the one it was started with.
+    /// What it came to, `seconds` after it started, photo by photo. The photos' jobs and problems
+    /// are those it was started with, in their order.
     ///
     /// # Errors
-    /// None for that problem.
-    pub fn end(&self, job: &Job<'_>, problem: Problem<'_>, seconds: f64) -> Result<Fit> {
+    /// None for these.
+    pub fn end<'p>(
+        &self,
+        photos: impl IntoIterator<Item = (&'p Job<'p>, Problem<'p>)>,
+        seconds: f64,
+    ) -> Result<Vec<Fit>> {
+        let ends = self.search.evidence().zip(photos);
+        ends.map(|(evidence, (job, problem))| self.end_of(evidence, job, problem, seconds))
+            .collect()
+    }
+
+    fn end_of(
+        &self,
+        evidence: &Evidence<'_, '_>,
+        job: &Job<'_>,
+        problem: Problem<'_>,
+        seconds: f64,
+    ) -> Result<Fit> {
         let search = &self.search;
         let found = ModeFound {
             converged: search.converged(),
@@ -71,9 +93,14 @@ impl<'a, 'w> Searching<'a, 'w> {
                 })
                 .collect(),
             posterior: -search.energy().total(),
-            seen_rmse: search.seen_rmse(),
+            seen_rmse: evidence.seen_rmse(),
         };
-        let scenes = [search.initial().clone(), search.scene().clone()];
+        let subject = search.subject();
+        let mean = Subject::mean(subject.shape.len(), subject.albedo.len());
+        let scenes = [
+            Scene { subject: mean, view: *evidence.initial() },
+            Scene { subject: subject.clone(), view: *evidence.view() },
+        ];
         // A chain without steps says how well the scenes explain the picture.
         let mut memory = vec![0; problem.dimensions().words()];
         let mut chain = Chain::new(problem, job.seed, 0, &mut memory).map_err(Error::new)?;
@@ -97,7 +124,7 @@ impl<'a, 'w> Searching<'a, 'w> {
             steps_per_second: iterations as f64 / seconds.max(1e-9),
             trace: self.trace.clone(),
             acceptance: Vec::new(),
-            mode: Some(Mode { found, mask: search.mask().to_vec() }),
+            mode: Some(Mode { found, mask: evidence.mask().to_vec() }),
         })
     }
 }

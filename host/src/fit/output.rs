@@ -5,6 +5,8 @@ use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
 use crate::fit::rps::Rps;
+#[cfg(feature = "full")]
+use crate::fit::summary::Summaries;
 use crate::fit::summary::{
     BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex,
 };
@@ -38,9 +40,17 @@ const FITTED: Rgb = [70, 200, 255];
 const MASKED: [&str; 2] = ["mask.png", "behind.png"];
 
 /// What the files are called; names only, without directories.
+#[derive(Clone, Debug)]
 pub struct Names {
     /// Of the model.
     pub model: String,
+    /// Of the photos of one subject.
+    pub photos: Vec<PhotoNames>,
+}
+
+/// What a photo's files are called.
+#[derive(Clone, Debug)]
+pub struct PhotoNames {
     /// Of the photo.
     pub image: String,
     /// Of the landmarks.
@@ -86,11 +96,12 @@ pub struct Masked {
     pub behind: Picture,
 }
 
-/// Draws the pictures and collects the numbers of a finished fit.
+/// Draws the pictures and collects the numbers of a finished fit to the photo of this number.
 ///
 /// # Errors
-/// None for a fit of this job.
-pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
+/// No such photo; none else for a fit of this job.
+pub fn finish(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Result<Finished> {
+    let own = names.photos.get(photo).ok_or_else(|| Error::new("a photo without a name"))?;
     let mut parameters = fit.best.scene.clone();
     parameters.view.camera = fit.crop.camera_in_photo(&fit.best.scene.view.camera);
     let config = &job.config;
@@ -99,14 +110,18 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
     let landmarks = landmarks::compare(job, fit, &mesh.points);
     let summary = Summary {
         onescan: env!("CARGO_PKG_VERSION").into(),
-        command: command(job, &names),
-        model: ModelUsed { file: names.model, checksum: hex(job.model.checksum()) },
+        command: command(job, names),
+        model: ModelUsed { file: names.model.clone(), checksum: hex(job.model.checksum()) },
         image: PhotoUsed {
-            file: names.image,
+            file: own.image.clone(),
             size: [job.photo.width, job.photo.height],
             crop: fit.crop,
             landmarks: job.landmarks.visible().count(),
         },
+        others: (names.photos.iter().enumerate())
+            .filter(|(i, _)| *i != photo)
+            .map(|(_, other)| other.image.clone())
+            .collect(),
         seed: job.seed,
         fingerprint: hex(fit.fingerprint),
         chains: job.chains,
@@ -151,8 +166,13 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: Names) -> Result<Finished> {
 
 /// The command that repeats the fit.
 fn command(job: &Job<'_>, names: &Names) -> String {
-    let Names { model, image, landmarks, mask } = names;
-    let mut command = format!("onescan fit {model} {image} --landmarks {landmarks} -o fit");
+    let list = |name: &dyn Fn(&PhotoNames) -> Option<&str>| {
+        names.photos.iter().filter_map(name).collect::<Vec<_>>().join(" ")
+    };
+    let (images, landmarks) =
+        (list(&|photo| Some(&photo.image)), list(&|photo| Some(&photo.landmarks)));
+    let mut command =
+        format!("onescan fit {} {images} --landmarks {landmarks} -o fit", names.model);
     let size = job.crop.scaled_to[0].max(job.crop.scaled_to[1]);
     let (config, base) = (&job.config, job.schedule.config(job.model, size));
     let mut add = |option: &str, value: &dyn Display, differs: bool| {
@@ -161,9 +181,8 @@ fn command(job: &Job<'_>, names: &Names) -> String {
             let _ = write!(command, " --{option} {value}");
         }
     };
-    if let Some(mask) = mask {
-        add("mask", mask, true);
-    }
+    let masks = list(&|photo| photo.mask.as_deref());
+    add("mask", &masks, !masks.is_empty());
     // Nothing in a search is random.
     add("seed", &job.seed, job.schedule != Schedule::Mode);
     add("schedule", &job.schedule, job.schedule != Schedule::default());
@@ -304,6 +323,22 @@ pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
         files.push((behind_name, behind.to_png()?));
     }
     Ok(files)
+}
+
+/// What fits to several photos of one subject leave behind besides each fit's [`files`]: the face, and
+/// all numbers.
+///
+/// # Errors
+/// None for fits that [`finish`] made.
+#[cfg(feature = "full")]
+pub fn files_of_all(results: &[Finished]) -> Result<Vec<(&'static str, Vec<u8>)>> {
+    let fits = results.iter().map(|result| result.summary.clone()).collect();
+    let mut all = vec![("summary.json", Summaries { fits }.to_json()?.into_bytes())];
+    if let Some(first) = results.first() {
+        let files = files(first)?;
+        all.extend(files.into_iter().filter(|(name, _)| name.starts_with("mesh.")));
+    }
+    Ok(all)
 }
 
 /// Writes [`files`] into a directory.

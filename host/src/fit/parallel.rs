@@ -5,6 +5,7 @@ use super::mode::{Searching, most_steps};
 use super::{Fit, Job, Observed, Run, Running, Schedule};
 use crate::error::{Error, Result};
 use crate::simd;
+use onescan_core::chain::Problem;
 use onescan_core::hash::Fnv64;
 use onescan_core::search::{self, Options};
 use rayon::prelude::*;
@@ -56,42 +57,6 @@ impl Job<'_> {
         }
     }
 
-    /// Searches for the mode on one thread; `None` if [`Control::stop`] was set.
-    ///
-    /// # Errors
-    /// Landmarks the model does not have, a crop that does not fit the photo or its mask, a mask
-    /// that hides the whole face.
-    fn find_mode(&self, control: &Control<'_>) -> Result<Option<Fit>> {
-        let observed = Observed::new(self.photo, self.landmarks, &self.crop)?;
-        let problem = observed.problem(self.model, &self.config, simd::best());
-        let start = Instant::now();
-        let mut memory = vec![0; search::words(&problem)];
-        let open = self.mask.map(|mask| self.crop.cut(mask)).transpose()?.map(|mask| {
-            let grey =
-                |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;
-            mask.rgb.iter().map(grey).collect::<Vec<u8>>()
-        });
-        let options = Options { open: open.as_deref(), ..Options::default() };
-        let mut searching = Searching::start(problem, options, &mut memory)?;
-        while searching.step().is_some() {
-            if control.stop.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            control.steps.fetch_add(1, Ordering::Relaxed);
-        }
-        if !searching.search.energy().total().is_finite() {
-            return Err(Error::new(if self.mask.is_some() {
-                "nothing of the face can be seen: the mask hides all of it; white is where it may \
-                 be seen, black where not"
-            } else {
-                "nothing of the face can be seen where the landmarks put it; are they this photo's?"
-            }));
-        }
-        // It may have converged early.
-        control.steps.store(most_steps(), Ordering::Relaxed);
-        searching.end(self, problem, start.elapsed().as_secs_f64()).map(Some)
-    }
-
     /// Runs the fit, from the beginning or from where `resume` left it.
     ///
     /// A search takes one thread, and nothing to resume. Chains run in parallel on rayon's threads;
@@ -102,8 +67,9 @@ impl Job<'_> {
     /// another job.
     pub fn run(&self, resume: Option<Save>, control: &Control<'_>) -> Result<Ending> {
         if self.schedule == Schedule::Mode {
-            let found = self.find_mode(control)?;
-            return Ok(found.map_or(Ending::Stopped(None), |fit| Ending::Done(Box::new(fit))));
+            let found = find_mode(std::slice::from_ref(self), control)?;
+            let fit = found.into_iter().flatten().next();
+            return Ok(fit.map_or(Ending::Stopped(None), |fit| Ending::Done(Box::new(fit))));
         }
         let observed = Observed::new(self.photo, self.landmarks, &self.crop)?;
         let problem = observed.problem(self.model, &self.config, simd::best());
@@ -136,6 +102,63 @@ impl Job<'_> {
         }
         let fit = self.summarize(runs).ok_or_else(|| Error::new("no chain ran"))?;
         Ok(Ending::Done(Box::new(fit)))
+    }
+}
+
+/// Searches for the mode on one thread, the jobs being photos of one subject; fits photo by photo, or
+/// `None` if [`Control::stop`] was set. Model and settings are the first job's.
+///
+/// # Errors
+/// No jobs, or more than [`MAX_PHOTOS`](search::unknowns::MAX_PHOTOS); landmarks the model does not
+/// have, a crop that does not fit the photo or its mask, masks that hide the whole face.
+pub fn find_mode(jobs: &[Job<'_>], control: &Control<'_>) -> Result<Option<Vec<Fit>>> {
+    let start = Instant::now();
+    let looks = jobs.iter().map(Look::new).collect::<Result<Vec<_>>>()?;
+    let problems: Vec<_> = jobs.iter().zip(&looks).map(|(job, look)| look.problem(job)).collect();
+    let photos: Vec<_> = problems.iter().map(|problem| problem.photo).collect();
+    let (Some(&problem), Some((_, others))) = (problems.first(), photos.split_first()) else {
+        return Err(Error::new("no photo to fit to"));
+    };
+    let options = Options { others, ..Options::default() };
+    let mut memory = vec![0; search::words(&problem, &options)];
+    let mut searching = Searching::start(problem, options, &mut memory)?;
+    while searching.step().is_some() {
+        if control.stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        control.steps.fetch_add(1, Ordering::Relaxed);
+    }
+    if !searching.search.energy().total().is_finite() {
+        return Err(Error::new(if jobs.iter().any(|job| job.mask.is_some()) {
+            "nothing of the face can be seen: the mask hides all of it; white is where it may be \
+             seen, black where not"
+        } else {
+            "nothing of the face can be seen where the landmarks put it; are they this photo's?"
+        }));
+    }
+    // It may have converged early.
+    control.steps.store(most_steps(), Ordering::Relaxed);
+    searching.end(jobs.iter().zip(problems), start.elapsed().as_secs_f64()).map(Some)
+}
+
+/// What a search looks at of a photo.
+struct Look<'a> {
+    observed: Observed<'a>,
+    open: Option<Vec<u8>>,
+}
+
+impl<'a> Look<'a> {
+    fn new(job: &Job<'a>) -> Result<Self> {
+        let open = job.mask.map(|mask| job.crop.cut(mask)).transpose()?.map(|mask| {
+            let grey =
+                |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;
+            mask.rgb.iter().map(grey).collect::<Vec<u8>>()
+        });
+        Ok(Self { observed: Observed::new(job.photo, job.landmarks, &job.crop)?, open })
+    }
+
+    fn problem<'l>(&'l self, job: &'l Job<'_>) -> Problem<'l> {
+        self.observed.problem(job.model, &job.config, simd::best()).with_open(self.open.as_deref())
     }
 }
 

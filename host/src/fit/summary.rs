@@ -108,6 +108,9 @@ pub struct Summary {
     pub model: ModelUsed,
     /// The photo.
     pub image: PhotoUsed,
+    /// Files of the other photos of the same subject, which it was fitted to together.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub others: Vec<String>,
     /// Seed of all randomness.
     pub seed: u64,
     /// Hash over the bits of every accepted state, see [`hex`].
@@ -154,9 +157,9 @@ pub struct Summary {
     pub parameters: Scene,
 }
 
-/// All fits of a demo: the contents of `summary.json`.
+/// The fits of a demo, or to several photos: the contents of `summary.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DemoSummary {
+pub struct Summaries {
     /// The fits, in the order they were made.
     pub fits: Vec<Summary>,
 }
@@ -195,7 +198,7 @@ impl Summary {
     }
 }
 
-impl DemoSummary {
+impl Summaries {
     /// The contents of `summary.json`.
     ///
     /// # Errors
@@ -251,6 +254,7 @@ pub(crate) mod tests {
             command: "onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o out".into(),
             model: ModelUsed { file: "face.3dmm".into(), checksum: hex(7) },
             image: PhotoUsed { file: "photo.jpg".into(), size: [800, 600], crop, landmarks: 16 },
+            others: Vec::new(),
             seed: 7,
             fingerprint: hex(0x0123_4567_89ab_cdef),
             chains: 1,
@@ -309,7 +313,7 @@ pub(crate) mod tests {
         ] {
             assert!(value.pointer(field).is_some(), "{field}");
         }
-        let demo = DemoSummary { fits: vec![summary] }.to_json().unwrap();
+        let demo = Summaries { fits: vec![summary] }.to_json().unwrap();
         assert!(serde_json::from_str::<Value>(&demo).unwrap().pointer("/fits/0/seed").is_some());
     }
 

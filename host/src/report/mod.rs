@@ -43,6 +43,25 @@ pub fn fit_report(result: &Finished, provenance: &str) -> Result<String> {
     page.html()
 }
 
+/// The page of fits to several photos of one subject. Each fit's files are linked in the folder that
+/// stands beside it.
+///
+/// # Errors
+/// A picture without pixels.
+#[cfg(feature = "full")]
+pub fn subject_report(results: &[(Finished, String)], provenance: &str) -> Result<String> {
+    let fits = results.iter().map(|(result, folder)| Section::new(result, "", folder.clone()));
+    let page = Page {
+        title: format!("3D reconstruction from {} photos", results.len()),
+        lead: "Several photos of one person, and a model made from a single 3D scan: the one shape \
+               and colour, and each photo's own pose and light, that explain the pictures together.",
+        samples: None,
+        fits: fits.collect::<Result<_>>()?,
+        provenance,
+    };
+    page.html()
+}
+
 /// The page of a demo: random `samples` of the model on one sheet, then each fit with a sentence
 /// about its photo. A fit's files are linked in a directory named like its photo, extension cut.
 ///

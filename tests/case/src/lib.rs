@@ -193,7 +193,7 @@ pub fn search(memory: &mut [u32], engine: &Engine) -> Option<Found> {
             fingerprint: search.fingerprint(),
             mask: hash(search.mask()),
             iterations: search.iterations(),
-            scene: search.scene().clone(),
+            scene: search.scene(),
         })
     })
 }
@@ -273,7 +273,7 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     (engine.instance)(&model.albedo, &scene.subject.albedo, window);
     let albedo = hash(window.as_flattened());
     set_albedo(window, attributes);
-    (engine.project)(&scene, positions, window);
+    (engine.project)(&scene.view, positions, window);
     // What is NaN has no bits to compare.
     let projected = hash_of(window.as_flattened().iter().copied().filter(|x| !x.is_nan()));
     (engine.rasterize)(model.triangles, window, &mut frame);
@@ -281,7 +281,7 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     let rasterized =
         hash_of(hits.flat_map(|hit| [hit.triangle as f32, hit.weights[0], hit.weights[1]]));
     let surface = Surface { frame: &frame, triangles: model.triangles, vertices: attributes };
-    let shader = Shader::new(&scene);
+    let shader = Shader::new(&scene.view);
     let residual = (engine.residual)(&surface, Known::default(), &shader, &target, f64::INFINITY)?;
     let shaded = hash_of([residual as f32, (residual - f64::from(residual as f32)) as f32]);
     let coverage: Coverage = (engine.coverage)(&frame, &target);
