@@ -331,11 +331,9 @@ pub(crate) mod tests {
             Summary::parse(&text.replacen(from, to, 1)).unwrap_err().to_string()
         };
         assert!(error("\"seed\"", "\"sead\"").contains("missing field `seed`"));
-        assert!(
-            error("\"roll\": 0.0", "\"roll\": \"x\"").starts_with("parameters.view.pose.roll: ")
-        );
+        assert!(error("\"roll\": 0.0", "\"roll\": \"x\"").starts_with("parameters.pose.roll: "));
         let shape = error("-1.25", "1e99");
-        assert!(shape.starts_with("parameters.subject.shape[1]: number out of range"), "{shape}");
+        assert!(shape.starts_with("parameters.shape[1]: number out of range"), "{shape}");
         assert!(error("\"focal_length\": 7.5", "\"focal_length\": 0").contains("focal length"));
         assert!(Summary::parse(&text[..99]).is_err());
         assert!(Summary::parse(&(text.clone() + "x")).is_err());
