@@ -1,8 +1,8 @@
 //! The metric of a step: the Gauss–Newton matrix of some of the pixels.
 
+use super::common::{Common, Scratch};
 use super::evidence::Evidence;
 use super::shading::{Adjoint, Shading};
-use super::state::{Common, Scratch};
 use super::surface::at;
 use super::unknowns::POSE;
 use super::vector::{Vec3, add, apply, cross, scale, xyz};

@@ -5,11 +5,10 @@
 //! the energy ([`Evidence::judge`], which also renews its mask), of the derivative
 //! (`add_gradient`), and of the Gauss–Newton matrix (`add_equations`).
 
-use super::held::Hold;
+use super::common::{Common, Energy, Options, Scratch};
 use super::landmarks;
 use super::occlusion;
 use super::picture;
-use super::state::{Common, Energy, Options, Scratch};
 use super::surface::at;
 use super::unknowns::{LIGHT, Layout, POSE, VIEW};
 use super::vector::Vec3;
@@ -53,6 +52,25 @@ pub(super) struct Planes<'w> {
     pub(super) mask: &'w mut [f32],
     /// What a pixel's squared difference counts, in units of [`Common::pixel_weight`].
     pub(super) weights: &'w mut [f32],
+}
+
+/// What is held of a photo.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hold {
+    /// The mode's view.
+    pub(super) mode: View,
+    /// `W`.
+    pub(super) whole: f64,
+    /// Of the view gone to: `W/Σωm`, and the mean of `ℓ`.
+    pub(super) share: f32,
+    pub(super) mean: f32,
+}
+
+impl Hold {
+    /// Of a view whose photo has not been looked at.
+    pub(super) fn new(mode: View) -> Self {
+        Self { mode, whole: 0.0, share: 1.0, mean: 0.0 }
+    }
 }
 
 /// What one photo says of the subject, and the view that it is found to have.

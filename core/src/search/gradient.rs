@@ -1,8 +1,8 @@
 //! The image term's gradient: what it costs to change anything that colours are made of.
 
+use super::common::{Common, larger};
 use super::evidence::Evidence;
 use super::shading::{Adjoint, Point, Shading};
-use super::state::{Common, larger};
 use super::surface::at;
 use super::unknowns::{COLOR, POSE};
 use super::vector::{Vec3, apply, cross, dot, scale, sub, xyz};

@@ -3,19 +3,20 @@
 //! `E = priors + landmarks − W/Σω_p m_p · 1/patch · Σ_p ω_p m_p ℓ_p`
 //!
 //! over the covered pixels. `m_p` is a pixel's mask at the mode and stays; a mask that followed the
-//! state would make it no sampler. `ℓ_p` is the log ratio of face and background, bounded as in
-//! `image_term.rs`. `ω_p` is what a pixel of the surface has to say: little where it is seen from the
+//! state would make it no sampler. `ℓ_p` is the log ratio of face and background, bounded, and of a
+//! rendering with shade, as in `image_term.rs`; the shade is made with the weights `ω_p m_p`. `ω_p` is what a pixel of the surface has to say: little where it is seen from the
 //! side, and less towards the mesh's open edge, so that pixels come and go quietly. `W` is
 //! `Σ ω_p m_p` at the mode: to cover less is no gain. `E` is thus smooth but for pixels that one part
 //! of the surface hides from another, and its gradient is what [`Held::force`] gives, where the
 //! outline runs included.
 
-use super::evidence::{Evidence, Planes};
+use super::common::Common;
+use super::evidence::{Evidence, Hold, Planes};
 use super::gradient::Pixel;
 use super::image_term::{FACING, LogRatio, bounded, says};
 use super::occlusion::WHOLE;
 use super::shading::{Shading, slopes};
-use super::state::{Common, ModeSearch};
+use super::state::ModeSearch;
 use super::surface::at;
 use super::unknowns::Layout;
 use super::vector::{add, sub};
@@ -28,25 +29,6 @@ const COVERED: f64 = 0.5;
 const RINGS: u8 = 4;
 /// `ω` below which a pixel of the mode has no mask: it was hardly seen.
 const HARDLY: f32 = 0.05;
-
-/// What is held of a photo.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Hold {
-    /// The mode's view.
-    mode: View,
-    /// `W`.
-    whole: f64,
-    /// Of the view gone to: `W/Σωm`, and the mean of `ℓ`.
-    share: f32,
-    mean: f32,
-}
-
-impl Hold {
-    /// Of a view whose photo has not been looked at.
-    pub(super) fn new(mode: View) -> Self {
-        Self { mode, whole: 0.0, share: 1.0, mean: 0.0 }
-    }
-}
 
 /// A search at its end, whose memory serves the sampler: of every photo `mask` holds `m`, `weights`
 /// holds `ω`, NaN where nothing is covered, and `hidden` how much vertices fade.

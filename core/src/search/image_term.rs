@@ -29,11 +29,11 @@
 //! A lone pixel may show anything, unless it is never hidden: `ℓ` is `ln(exp ℓ + exp −HOPELESS)`,
 //! and `w` times the first summand's share.
 
+use super::common::Common;
 use super::evidence::{Evidence, Planes};
 use super::occlusion;
 use super::picture;
 use super::shading::Shading;
-use super::state::Common;
 use super::surface::at;
 use super::vector::{Vec3, dot, sub};
 use crate::likelihood::background::HISTOGRAM_LEN;

@@ -4,7 +4,7 @@
 //! `q = ‖Δ‖²/σ²`: like a Gaussian's nearby, but one that is far off has little to say. Its
 //! equations count with `(ν + 2)/(ν + q)`, the weight of iteratively reweighted least squares.
 
-use super::state::Common;
+use super::common::Common;
 use super::vector::dot;
 use super::window::Window;
 use crate::least_squares::Equations;

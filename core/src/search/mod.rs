@@ -17,6 +17,7 @@
 //! From coarse to fine: the photo is blurred less, a pixel's error is smaller and more components
 //! are sought at every level ([`Level`]).
 
+mod common;
 mod curvature;
 mod evidence;
 mod gradient;
@@ -36,10 +37,11 @@ mod window;
 use crate::chain::{ChainError, Problem};
 use crate::least_squares::{System, system_words};
 use crate::scene::Subject;
+use common::Common;
+pub use common::{Energy, LEVELS, Level, Options};
 pub use evidence::Evidence;
 pub(crate) use held::Held;
-use state::Common;
-pub use state::{Energy, LEVELS, Level, ModeSearch, Options, words, words_for};
+pub use state::{ModeSearch, words, words_for};
 use unknowns::VIEW;
 
 /// Decrease of `E` below which a step counts as none.
