@@ -635,14 +635,14 @@ pub unsafe extern "C" fn onescan_search_scene(
         focal_length: camera.focal_length,
         sensor: camera.sensor,
         principal_point: camera.principal_point,
-        light: *light,
+        light,
         gain: color.gain,
         contrast: color.contrast,
         offset: color.offset,
         shape_rank: shape.len() as u32,
         albedo_rank: albedo.len() as u32,
-        shape: coefficients(shape),
-        albedo: coefficients(albedo),
+        shape: coefficients(&shape),
+        albedo: coefficients(&albedo),
     };
     OnescanStatus::Ok
 }
@@ -696,7 +696,7 @@ pub unsafe extern "C" fn onescan_search_draw(
     unsafe {
         let Some(running) = search.cast::<Search>().as_ref() else { return OnescanStatus::Null };
         let Ok(search) = &running.inference else { return OnescanStatus::Null };
-        draw_scene(&running.model, search.scene(), colors, memory, memory_words)
+        draw_scene(&running.model, &search.scene(), colors, memory, memory_words)
     }
 }
 
@@ -763,7 +763,11 @@ fn chain_status(error: ChainError) -> OnescanStatus {
         ChainError::UnknownLandmark { .. } => OnescanStatus::UnknownLandmark,
         ChainError::LandmarkPosition { .. } => OnescanStatus::LandmarkPosition,
         ChainError::Rank { .. } => OnescanStatus::Rank,
-        ChainError::Config | ChainError::Schedule | ChainError::Checkpoint => OnescanStatus::Config,
+        // One photo is all that a search is started with here.
+        ChainError::Config
+        | ChainError::Schedule
+        | ChainError::Checkpoint
+        | ChainError::Photos { .. } => OnescanStatus::Config,
         ChainError::Memory { .. } => OnescanStatus::Memory,
     }
 }
