@@ -9,6 +9,7 @@ use crate::model::{Model, Triangles};
 use crate::render::rasterize::{Frame, frame_words};
 use crate::render::shade::{self, Attributes, Shader};
 use crate::scene::Scene;
+use core::hint::black_box;
 use embedded_graphics_core::Pixel;
 use embedded_graphics_core::draw_target::DrawTarget;
 use embedded_graphics_core::geometry::Point;
@@ -46,7 +47,8 @@ pub fn draw(
     let window = carve.quads(padded(vertices))?;
     let mut frame = Frame::carve(&mut carve, width, height)?;
 
-    let engine = Engine::PORTABLE;
+    // Called, where link-time optimisation would compile them in once more: pictures are small.
+    let engine = black_box(Engine::PORTABLE);
     (engine.instance)(&model.shape, &scene.subject.shape, positions);
     // Normals and albedo pass through the memory of the window coordinates, which come last.
     (engine.normals)(model.triangles, positions, window);

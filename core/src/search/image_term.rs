@@ -166,6 +166,7 @@ impl Evidence<'_, '_> {
 
     /// Fills the rendering, the weights with what the covered pixels have to say, the mask with the
     /// share of the face in it, and two planes with `ωℓ` and `ω`; gives the number of covered pixels.
+    #[inline(never)]
     fn compare_pixels(
         &mut self,
         common: &Common<'_, '_>,
@@ -205,6 +206,7 @@ impl Evidence<'_, '_> {
 
     /// Fills the rendering, and the weights with what the covered pixels have to say; gives the
     /// number of covered pixels.
+    #[inline(never)]
     pub(super) fn draw(&mut self, common: &Common<'_, '_>) -> usize {
         let (width, shading) = (self.width(), Shading::new(&self.view));
         let Planes { rendering, weights, .. } = &mut self.planes;
@@ -250,8 +252,8 @@ impl Evidence<'_, '_> {
     }
 
     /// Calls `f` with the pixels of the face's box, and what is visible there.
-    #[inline(always)]
-    fn pixels(&self, mut f: impl FnMut(usize, Option<Hit>)) {
+    #[inline(never)]
+    fn pixels(&self, f: &mut dyn FnMut(usize, Option<Hit>)) {
         let width = self.width();
         for y in self.frame.rows() {
             for x in self.frame.columns() {
@@ -261,6 +263,7 @@ impl Evidence<'_, '_> {
     }
 
     /// `ω` of a pixel of what has been rendered.
+    #[inline(never)]
     fn said(&self, common: &Common<'_, '_>, shading: &Shading, index: usize, hit: &Hit) -> f32 {
         let point = common.point(shading, hit);
         let says = point.map_or(0.0, |(_, point)| says(shading.facing(&point)));
@@ -274,6 +277,7 @@ impl Evidence<'_, '_> {
     }
 
     /// Fills `shares` with `v/√B`, given `ω`; 0 where nothing is covered.
+    #[inline(never)]
     pub(super) fn find_shares(
         &self,
         seen: impl Fn(&Hit) -> f32,
@@ -282,15 +286,16 @@ impl Evidence<'_, '_> {
         spare: &mut [f32],
     ) {
         let seen = |hit: Option<Hit>| hit.map_or(0.0, |hit| seen(&hit));
-        self.pixels(|index, hit| set(shares, index, at(said, index) * seen(hit)));
+        self.pixels(&mut |index, hit| set(shares, index, at(said, index) * seen(hit)));
         self.spread(shares, spare);
-        self.pixels(|index, hit| {
+        self.pixels(&mut |index, hit| {
             let sum = at(shares, index).max(1e-6);
             set(shares, index, seen(hit) * math::rsqrt(sum));
         });
     }
 
     /// Fills `to` with `SHADE_SHARE · v/√B · G'(weight · v m/√B)`.
+    #[inline(never)]
     pub(super) fn find_shade(
         &self,
         common: &Common<'_, '_>,
@@ -299,12 +304,14 @@ impl Evidence<'_, '_> {
         to: &mut [f32],
         spare: &mut [f32],
     ) {
-        self.pixels(|index, hit| {
+        self.pixels(&mut |index, hit| {
             let difference = hit.map_or(0.0, |_| self.shaded(common, index));
             set(to, index, at(weights, index) * at(shares, index) * difference);
         });
         self.spread(to, spare);
-        self.pixels(|index, _| set(to, index, SHADE_SHARE * at(shares, index) * at(to, index)));
+        self.pixels(&mut |index, _| {
+            set(to, index, SHADE_SHARE * at(shares, index) * at(to, index));
+        });
     }
 
     /// Fills the first plane with what shade takes off a pixel's weighted difference; what it takes
@@ -314,7 +321,7 @@ impl Evidence<'_, '_> {
     pub(super) fn find_taken(&self, common: &Common<'_, '_>, planes: [&mut [f32]; 5]) {
         let [taken, said, shares, other, spare] = planes;
         let shading = Shading::new(&self.view);
-        self.pixels(|index, hit| {
+        self.pixels(&mut |index, hit| {
             let said_here = hit.map_or(0.0, |hit| self.said(common, &shading, index, &hit));
             set(said, index, said_here);
         });
@@ -323,7 +330,7 @@ impl Evidence<'_, '_> {
         let weights = &*self.planes.weights;
         self.find_shade(common, said, shares, taken, spare);
         self.find_shade(common, weights, shares, other, spare);
-        self.pixels(|index, _| {
+        self.pixels(&mut |index, _| {
             let [w, said] = [at(weights, index), at(said, index)];
             let both = 0.5 * (w * at(taken, index) + said * at(other, index));
             set(taken, index, if self.is_shaded(common, index) { both } else { 0.0 });

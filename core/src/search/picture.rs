@@ -61,6 +61,7 @@ pub(super) fn blur(plane: &mut [f32], scratch: &mut [f32], width: usize, sd: f32
 
 /// `out = Σ tap · values` within a box of a plane, beyond which all is zero; the largest tap is 1. Only
 /// the box is written. `scratch` is as long as the box has pixels, or longer.
+#[inline(never)]
 pub(super) fn blur_box(
     plane: &mut [f32],
     scratch: &mut [f32],
