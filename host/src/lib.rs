@@ -43,6 +43,8 @@ pub mod model;
 pub mod model_file;
 pub mod photo;
 #[cfg(feature = "full")]
+pub mod posterior;
+#[cfg(feature = "full")]
 pub mod progress;
 pub mod render;
 pub mod report;

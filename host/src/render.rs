@@ -95,18 +95,26 @@ pub fn portrait(model: &Model<'_>, size: [u32; 2], yaw: f32, pitch: f32) -> Scen
     scene
 }
 
+/// A half of a model, its first three numbers of every vertex.
+fn field(model: &Model<'_>, basis: &Basis<'_>, coefficients: &[f32]) -> Vec<[f32; 3]> {
+    let mut vertices = vec![[0.0; 4]; padded(model.vertices())];
+    basis.instance(coefficients, &mut vertices);
+    vertices.truncate(model.vertices());
+    vertices.into_iter().map(|[a, b, c, _]| [a, b, c]).collect()
+}
+
+/// Vertex positions of shape coefficients, in the model's frame.
+#[cfg(feature = "full")]
+pub fn points(model: &Model<'_>, shape: &[f32]) -> Vec<[f32; 3]> {
+    field(model, &model.shape, shape)
+}
+
 /// The mesh of coefficients: vertex positions in the model's frame, albedo as colours (clamped to
 /// `[0, 1]`).
 pub fn instance(model: &Model<'_>, shape: &[f32], albedo: &[f32]) -> Mesh {
-    let field = |basis: &Basis<'_>, coefficients: &[f32]| {
-        let mut vertices = vec![[0.0; 4]; padded(model.vertices())];
-        basis.instance(coefficients, &mut vertices);
-        vertices.truncate(model.vertices());
-        vertices.into_iter().map(|[a, b, c, _]| [a, b, c]).collect::<Vec<_>>()
-    };
-    let colors = field(&model.albedo, albedo);
+    let colors = field(model, &model.albedo, albedo);
     Mesh {
-        points: field(&model.shape, shape),
+        points: field(model, &model.shape, shape),
         colors: colors.into_iter().map(|c| c.map(|x| x.clamp(0.0, 1.0))).collect(),
         triangles: (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
     }

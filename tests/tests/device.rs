@@ -8,10 +8,11 @@ use onescan::photo::tlms::{Landmark2, Tlms};
 use onescan::photo::{self, Crop};
 use onescan::simd;
 use onescan_case::{
-    HALF_SIDE, RANK, SEARCH_WORDS, SIDE, STAGES, WORDS, fit, half_picture, picture, search, stages,
-    write_chain, write_search,
+    HALF_SIDE, POSTERIOR_WORDS, RANK, SEARCH_WORDS, SIDE, STAGES, WORDS, fit, half_picture,
+    picture, posterior, search, stages, write_chain, write_search,
 };
 use onescan_tests::program::fixtures;
+use std::fmt::Write as _;
 use std::fs;
 
 /// How much larger than the landmarks' box the photo is.
@@ -70,6 +71,8 @@ fn every_engine_and_every_memory_computes_the_golden_bits() {
             write_chain(&mut found, &hashes, fitted.fingerprint).unwrap();
             let mode = search(&mut memory, engine).unwrap();
             write_search(&mut found, &mode).unwrap();
+            let sampled = posterior(&mut vec![0; POSTERIOR_WORDS], engine).unwrap();
+            writeln!(found, "posterior {sampled:016x}").unwrap();
             if writes("results") {
                 fs::write(&golden, &found).unwrap();
             }

@@ -327,6 +327,65 @@ fn several_photos_give_one_face() {
 }
 
 #[test]
+fn a_posterior_is_sampled_and_told() {
+    let place = tempdir().unwrap();
+    let run = |output: &str, arguments: &str| {
+        let photo = "@rough/05_00.jpg --landmarks @rough/05_00.tlms";
+        let line = format!("fit @golden/small.3dmm {photo} --size 96 -o {output} {arguments}");
+        Onescan::new(place.path(), &line)
+    };
+    let path = |file: &str| place.path().join("out").join(file);
+    run("out", "--posterior 100 --chains 2 --seed 3").succeed();
+    let fit = json(&path("fit.json"));
+    let found = &fit["posterior"];
+    assert_eq!((&found["chains"], &found["draws"]), (&2.into(), &100.into()));
+    let command = fit["command"].as_str().unwrap();
+    assert!(command.ends_with("--posterior 100 --chains 2 --seed 3"), "{command}");
+    let parameters = found["parameters"].as_array().unwrap();
+    let mode = |name: &str| {
+        let path =
+            format!("/parameters/{}", name.replace('[', "/").replace(']', "").replace('.', "/"));
+        fit.pointer(&path).unwrap().as_f64().unwrap()
+    };
+    let number = |of: &Value, name: &str| of[name].as_f64().unwrap();
+    for p in parameters {
+        let [mean, sd, low, high] = ["mean", "sd", "low", "high"].map(|name| number(p, name));
+        assert!(low < mean && mean < high && sd > 0.0, "{p}");
+        let name = p["name"].as_str().unwrap();
+        let is_angle = ["pose.yaw", "pose.pitch", "pose.roll"].contains(&name);
+        let mode = if is_angle { mode(name).to_degrees() } else { mode(name) };
+        assert!((mode - mean).abs() < 6.0 * sd, "{name}: {mode} at the mode, {p}");
+    }
+    // Laplace's approximation is of that order.
+    let shape = |i: usize| {
+        let sampled = parameters.iter().find(|p| p["name"] == format!("shape[{i}]")).unwrap();
+        number(sampled, "sd") / fit["laplace"]["shape"][i].as_f64().unwrap()
+    };
+    let mean = (0..10).map(shape).sum::<f64>() / 10.0;
+    assert!((0.7..1.8).contains(&mean), "{mean}");
+    let files = ["posterior.h5", "mean.glb", "mean.ply", "uncertainty.glb", "uncertainty.ply"];
+    for file in files.into_iter().chain(["uncertainty.png"]) {
+        assert!(path(file).is_file(), "{file}");
+    }
+    assert!(fs::read_to_string(path("report.html")).unwrap().contains("How sure that is"));
+    run("again", "--posterior 100 --chains 2 --seed 3").succeed();
+    let again = json(&place.path().join("again/fit.json"));
+    assert_eq!(again["posterior"], *found);
+    // Without, nothing of it is left.
+    run("out", "").succeed();
+    assert!(json(&path("fit.json")).get("posterior").is_none());
+    assert!(!path("posterior.h5").exists() && !path("uncertainty.png").exists());
+    for (arguments, error) in [
+        ("--posterior 100 --schedule paper", "leave --schedule out"),
+        ("--posterior 3", "3 is not in 100..=100000"),
+        ("--chains 2", "--chains is for chains"),
+    ] {
+        let refused = run("no", arguments).run();
+        assert!(refused.stderr.contains(error), "{}", refused.stderr);
+    }
+}
+
+#[test]
 fn a_chain_says_how_to_repeat_it() {
     let place = tempdir().unwrap();
     let steps = "--landmark-samples 20 --samples 30";

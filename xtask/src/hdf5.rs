@@ -1,4 +1,5 @@
-//! `cargo xtask hdf5`: our `.h5` files through the eyes of HDF5's own library.
+//! `cargo xtask hdf5`: our `.h5` files through the eyes of HDF5's own library, and what we say of
+//! samples through ArviZ's.
 
 use crate::shell::{cargo, command, output, root, run as sh, target};
 use crate::targets::install;
@@ -7,7 +8,7 @@ use std::fs;
 use std::path::PathBuf;
 
 /// What of Python's packages is asked for.
-const PACKAGES: [&str; 1] = ["h5py==3.16.0"];
+const PACKAGES: [&str; 2] = ["h5py==3.16.0", "arviz==0.23.4"];
 /// The face template: vertices, triangles, and how many landmarks it has.
 const TEMPLATE: [&str; 3] = ["8291", "16374", "42"];
 const RANK: &str = "5";
@@ -18,7 +19,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     check()
 }
 
-/// Builds a model in both forms and has Python look at it.
+/// Builds a model in both forms, samples a posterior, and has Python look at them.
 pub(crate) fn check() -> Outcome {
     let python = python()?;
     let place = target().join("hdf5");
@@ -30,15 +31,22 @@ pub(crate) fn check() -> Outcome {
         sh(build.args(["--rank", RANK, "-o"]).arg(place.join(name)))?;
     }
     let [vertices, triangles, landmarks] = TEMPLATE;
-    let mut check = command(python, ["tests/python/model.py"]);
-    sh(check.arg(place).args([vertices, triangles, RANK, landmarks]))
+    let mut check = command(&python, ["tests/python/model.py"]);
+    sh(check.arg(&place).args([vertices, triangles, RANK, landmarks]))?;
+    let photos = root().join("fixtures/photos");
+    let mut fit = cargo(["run", "--quiet", "--release", "--", "--quiet", "fit"]);
+    fit.arg(place.join("face.h5")).arg(photos.join("astronaut.png"));
+    fit.arg("--landmarks").arg(photos.join("astronaut.tlms"));
+    let sampled = place.join("posterior");
+    sh(fit.args(["--size", "96", "--posterior", "100", "-o"]).arg(&sampled))?;
+    sh(command(&python, ["tests/python/posterior.py"]).arg(sampled))
 }
 
 /// A Python of our own with the packages, made on first use.
 fn python() -> Result<PathBuf, String> {
     let place = target().join("python");
     let python = place.join("bin/python");
-    let has = || output(&mut command(&python, ["-c", "import h5py"])).is_ok();
+    let has = || output(&mut command(&python, ["-c", "import arviz, h5py"])).is_ok();
     if has() {
         return Ok(python);
     }

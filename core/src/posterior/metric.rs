@@ -8,13 +8,18 @@ use crate::least_squares::{Group, stride};
 /// The upper triangular factor `U`, rows of groups of lanes.
 pub struct Metric<'m> {
     n: usize,
-    factor: &'m [Group],
+    factor: &'m mut [Group],
 }
 
 impl<'m> Metric<'m> {
     /// A factor of `n` unknowns, as Cholesky's method leaves it; `None` if it is shorter.
-    pub(crate) fn new(n: usize, factor: &'m [Group]) -> Option<Self> {
-        Some(Self { n, factor: factor.get(..n * stride(n))? })
+    pub(crate) fn new(n: usize, factor: &'m mut [Group]) -> Option<Self> {
+        Some(Self { n, factor: factor.get_mut(..n * stride(n))? })
+    }
+
+    /// The factor's memory, to be made anew.
+    pub(crate) fn factor(&mut self) -> &mut [f32] {
+        self.factor.as_flattened_mut()
     }
 
     fn row(&self, i: usize) -> &[f32] {
@@ -42,6 +47,17 @@ impl<'m> Metric<'m> {
             *x /= pivot;
             for (z, u) in rest.iter_mut().zip(row) {
                 *z -= *x * u;
+            }
+        }
+    }
+
+    /// `U v`, in place.
+    pub(crate) fn multiply(&self, v: &mut [f32]) {
+        for i in 0..self.n {
+            let Some(rest) = v.get_mut(i..) else { return };
+            let x = dot(self.row(i), rest);
+            if let Some(first) = rest.first_mut() {
+                *first = x;
             }
         }
     }
@@ -106,7 +122,7 @@ mod tests {
         }
         let mut factor = vec![0.0; matrix_words(N)];
         system.solve_damped(0.0, |_| 0.0, &mut factor, &mut [0.0; N]).unwrap();
-        let metric = Metric::new(N, factor.as_chunks().0).unwrap();
+        let metric = Metric::new(N, factor.as_chunks_mut().0).unwrap();
         let z: Vec<f32> = (0..N).map(|_| rng.normal_sd(1.0)).collect();
         // A⁻¹ z = U⁻¹ U⁻ᵀ z.
         let inverse = |z: &[f32]| {

@@ -18,13 +18,14 @@ const GOLDEN: f64 = 0.618_033_988_749_895;
 const MAX_AROUND: usize = 40;
 
 impl Evidence<'_, '_> {
-    /// Adds the Gauss–Newton matrix of evenly drawn pixels.
+    /// Adds the Gauss–Newton matrix of evenly drawn pixels, whose rows `pull` may change.
     #[inline(never)]
     pub(super) fn add_curvature(
         &self,
         common: &Common<'_, '_>,
         samples: usize,
         iteration: u32,
+        mut pull: impl FnMut(&mut [f32]),
         scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
@@ -53,27 +54,30 @@ impl Evidence<'_, '_> {
                 if pixel < 1e-2 {
                     continue;
                 }
-                self.add_pixel(common, &looking, [x, y], weight * pixel, scratch, system);
+                if self.fill_rows(common, &looking, [x, y], scratch).is_none() {
+                    continue;
+                }
+                for row in &mut scratch.rows {
+                    let row = row.get_mut(..common.layout.len()).unwrap_or_default();
+                    pull(row);
+                    system.add_row(row, weight * pixel, 0.0);
+                }
             }
         }
     }
 
-    /// Adds a covered pixel's three rows.
-    pub(super) fn add_pixel(
+    /// Fills in a covered pixel's three rows.
+    pub(super) fn fill_rows(
         &self,
         common: &Common<'_, '_>,
         (shading, window): &(Shading, Window),
         [x, y]: [usize; 2],
-        weight: f32,
         scratch: &mut Scratch<'_>,
-        system: &mut System<'_>,
-    ) {
+    ) -> Option<()> {
         let Common { problem, surface, layout, .. } = common;
         let (model, engine) = (problem.model, problem.engine);
         let hit = self.frame.hit(x, y);
-        let Some((corners, point)) = hit.and_then(|hit| common.point(shading, &hit)) else {
-            return;
-        };
+        let (corners, point) = hit.and_then(|hit| common.point(shading, &hit))?;
         let [along_x, along_y] = self.differences(x, y);
         let adjoints: [Adjoint; 3] = from_fn(|channel| {
             let mut gradient = [0.0; 3];
@@ -120,7 +124,7 @@ impl Evidence<'_, '_> {
         }
         let [shape, albedo] = &scratch.by_vertex;
         let parts = scratch.rows.each_mut().map(|row| layout.split(row, self.number));
-        let [Some(r), Some(g), Some(b)] = parts else { return };
+        let [Some(r), Some(g), Some(b)] = parts else { return None };
         (engine.rows)(&model.shape, shape.as_ref(), &around, [r.shape, g.shape, b.shape]);
         (engine.rows)(&model.albedo, albedo.as_ref(), &colors, [r.albedo, g.albedo, b.albedo]);
         let others =
@@ -134,8 +138,6 @@ impl Evidence<'_, '_> {
             }
             *color = adjoint.color;
         }
-        for row in &scratch.rows {
-            system.add_row(row.get(..layout.len()).unwrap_or_default(), weight, 0.0);
-        }
+        Some(())
     }
 }

@@ -54,25 +54,6 @@ pub(super) struct Planes<'w> {
     pub(super) weights: &'w mut [f32],
 }
 
-/// What is held of a photo.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Hold {
-    /// The mode's view.
-    pub(super) mode: View,
-    /// `W`.
-    pub(super) whole: f64,
-    /// Of the view gone to: `W/Σωm`, and the mean of `ℓ`.
-    pub(super) share: f32,
-    pub(super) mean: f32,
-}
-
-impl Hold {
-    /// Of a view whose photo has not been looked at.
-    pub(super) fn new(mode: View) -> Self {
-        Self { mode, whole: 0.0, share: 1.0, mean: 0.0 }
-    }
-}
-
 /// What one photo says of the subject, and the view that it is found to have.
 pub struct Evidence<'a, 'w> {
     pub(super) photo: Photo<'a>,
@@ -94,8 +75,6 @@ pub struct Evidence<'a, 'w> {
     pub(super) seen: (usize, f32),
     /// What the pixels that the face covers by the landmarks alone have to say.
     pub(super) expected: f32,
-    /// Once the mask is held.
-    pub(super) held: Hold,
 }
 
 impl<'a, 'w> Evidence<'a, 'w> {
@@ -154,7 +133,6 @@ impl<'a, 'w> Evidence<'a, 'w> {
             window,
             seen: (0, 0.0),
             expected: 0.0,
-            held: Hold::new(view),
         })
     }
 
@@ -335,7 +313,7 @@ impl<'a, 'w> Evidence<'a, 'w> {
         scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
-        self.add_curvature(common, samples, iteration, scratch, system);
+        self.add_curvature(common, samples, iteration, |_| {}, scratch, system);
         self.add_landmarks_and_priors(common, scratch.components, system);
     }
 

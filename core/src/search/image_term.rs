@@ -50,9 +50,9 @@ const HOPELESS: f32 = 12.0;
 const CERTAIN: f32 = 6.0;
 /// Standard deviation, pixels, over which light and surface may be too bright or too dark together; at
 /// most [`picture::MAX_BLUR`].
-const SHADE: f32 = 5.7;
+pub(super) const SHADE: f32 = 5.7;
 /// Share of such a difference that is no fault of what is sought.
-const SHADE_SHARE: f32 = 0.8;
+pub(super) const SHADE_SHARE: f32 = 0.8;
 /// The most of a pixel's difference that counts towards it, in standard deviations of a channel.
 const SHADE_MOST: f32 = 1.5;
 /// Cosine of the angle to the line of sight from which on a surface has its full say.
@@ -241,14 +241,14 @@ impl Evidence<'_, '_> {
     /// What a pixel's mean difference counts towards shade.
     #[inline(always)]
     pub(super) fn shaded(&self, common: &Common<'_, '_>, index: usize) -> f32 {
-        let most = SHADE_MOST * common.sd();
+        let most = shade_most(common.sd());
         mean(self.difference(index)).max(-most).min(most)
     }
 
     /// Whether that is all of it.
     #[inline(always)]
     pub(super) fn is_shaded(&self, common: &Common<'_, '_>, index: usize) -> bool {
-        mean(self.difference(index)).abs() < SHADE_MOST * common.sd()
+        mean(self.difference(index)).abs() < shade_most(common.sd())
     }
 
     /// Calls `f` with the pixels of the face's box, and what is visible there.
@@ -385,6 +385,11 @@ impl Evidence<'_, '_> {
     }
 }
 
+/// The most of a difference that counts towards shade, given a channel's standard deviation.
+pub(super) fn shade_most(sd: f32) -> f32 {
+    SHADE_MOST * sd
+}
+
 /// `ln(exp ℓ + exp −HOPELESS)` and the first summand's share.
 pub(super) fn bounded(ratio: f32) -> (f32, f32) {
     let small = math::exp_f32(-(ratio + HOPELESS).abs());
@@ -404,11 +409,11 @@ fn mixture(ratio: f32, hidden: f32) -> (f32, f32) {
     (ratio.max(0.0) + math::ln_f32(face + other), face / (face + other))
 }
 
-fn mean([r, g, b]: Vec3) -> f32 {
+pub(super) fn mean([r, g, b]: Vec3) -> f32 {
     (1.0 / 3.0) * (r + g + b)
 }
 
-fn set(plane: &mut [f32], index: usize, value: f32) {
+pub(super) fn set(plane: &mut [f32], index: usize, value: f32) {
     if let Some(to) = plane.get_mut(index) {
         *to = value;
     }

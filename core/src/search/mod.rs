@@ -17,6 +17,7 @@
 //! From coarse to fine: the photo is blurred less, a pixel's error is smaller and more components
 //! are sought at every level ([`Level`]).
 
+mod chart;
 mod common;
 mod curvature;
 mod evidence;
@@ -40,7 +41,7 @@ use crate::scene::Subject;
 use common::Common;
 pub use common::{Energy, LEVELS, Level, Options};
 pub use evidence::Evidence;
-pub(crate) use held::Held;
+pub(crate) use held::{Held, held_words};
 pub use state::{ModeSearch, words, words_for};
 use unknowns::VIEW;
 
@@ -290,23 +291,6 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
             self.damping = (5.0 * self.damping).min(1e6);
         }
         None
-    }
-
-    /// Factorises the Gauss–Newton matrix of what has been found by Cholesky's method, from so many
-    /// pixels, into [`matrix_words`](crate::least_squares::matrix_words) of memory; `None` if there
-    /// is too little.
-    pub(crate) fn factorise(&mut self, samples: usize, factor: &mut [f32]) -> Option<()> {
-        self.make_judged();
-        let Self { common, first, others, scratch, passing, step, .. } = self;
-        let n = common.layout.len();
-        let equations = passing.get_mut(..system_words(n))?;
-        let mut system = System::new(n, common.problem.engine.normal_equations, equations)?;
-        for evidence in core::iter::once(&*first).chain(&*others) {
-            evidence.add_equations(common, samples, self.iterations, scratch, &mut system);
-        }
-        common.priors().add_of_subject(&common.subject, common.layout, &mut system);
-        // So little that it is lost but where nothing is known.
-        system.solve_damped(1e-6, |_| 1e-6, factor, step)
     }
 }
 

@@ -31,8 +31,6 @@ pub(super) struct Point {
     pub(super) weights: Vec3,
     /// Normals of the corners.
     pub(super) normals: [Vec3; 3],
-    /// Albedo of the corners.
-    albedos: [Vec3; 3],
     normal: Vec3,
     inverse_length: f32,
     albedo: Vec3,
@@ -79,21 +77,13 @@ impl Shading {
         let normal = scale(n, inverse_length);
         let radiance = self.light.radiance(normal);
         let color = add(apply(&self.mix, times(albedo, radiance)), self.color.offset);
-        Point { weights, normals, albedos, normal, inverse_length, albedo, radiance, color }
+        Point { weights, normals, normal, inverse_length, albedo, radiance, color }
     }
 
     /// Cosine of a point's normal and the direction from which it is seen, or nearly so.
     #[inline(always)]
     pub(super) fn facing(&self, point: &Point) -> f32 {
         dot(self.rotation[2], point.normal)
-    }
-
-    /// Passes what [`Shading::facing`] costs back to the interpolated normal, before it is
-    /// normalised.
-    #[inline(always)]
-    pub(super) fn facing_adjoint(&self, point: &Point, cost: f32) -> Vec3 {
-        let (n, cost) = (point.normal, scale(self.rotation[2], cost));
-        scale(sub(cost, scale(n, dot(n, cost))), point.inverse_length)
     }
 
     /// Passes `∂E/∂c` back.
@@ -122,32 +112,4 @@ impl Shading {
             color,
         }
     }
-}
-
-impl Adjoint {
-    /// What it costs that the surface moves in the window: a pixel stays where it is, so what moves
-    /// by `δp` brings the attributes of `p − δp`. `slopes` are the gradients of the corners' weights.
-    #[inline(always)]
-    pub(super) fn motion(&self, point: &Point, slopes: &[[f32; 2]; 3]) -> [f32; 2] {
-        let mut motion = [0.0; 2];
-        let corners = point.normals.into_iter().zip(point.albedos);
-        for (slope, (normal, albedo)) in slopes.iter().zip(corners) {
-            let q = dot(self.normal, normal) + dot(self.albedo, albedo);
-            motion[0] -= q * slope[0];
-            motion[1] -= q * slope[1];
-        }
-        motion
-    }
-}
-
-/// Gradients of a window triangle's three barycentric coordinates, per pixel; zero if it has no
-/// area.
-#[inline(always)]
-pub(super) fn slopes([a, b, c]: [[f32; 2]; 3]) -> [[f32; 2]; 3] {
-    let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
-    // On the window's grid an area is a multiple of 2⁻¹⁶.
-    let k = if area == 0.0 { 0.0 } else { 1.0 / area };
-    let second = [(c[1] - a[1]) * k, (a[0] - c[0]) * k];
-    let third = [(a[1] - b[1]) * k, (b[0] - a[0]) * k];
-    [[-second[0] - third[0], -second[1] - third[1]], second, third]
 }

@@ -163,6 +163,11 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
         core::iter::once(&self.first).chain(&self.others)
     }
 
+    /// The same, to be changed.
+    pub(super) fn evidence_mut(&mut self) -> impl Iterator<Item = &mut Evidence<'a, 'w>> {
+        core::iter::once(&mut self.first).chain(&mut self.others)
+    }
+
     /// The first photo's scene so far.
     pub fn scene(&self) -> Scene {
         Scene { subject: self.common.subject.clone(), view: *self.first.view() }
@@ -194,7 +199,7 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
     }
 
     /// The unknowns that are sought.
-    pub(crate) fn layout(&self) -> Layout {
+    pub fn layout(&self) -> Layout {
         self.common.layout
     }
 

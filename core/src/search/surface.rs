@@ -102,12 +102,18 @@ impl<'w> Surface<'w> {
         }
     }
 
-    /// How many faces an edge has.
-    pub(super) fn faces_of(&self, triangles: Triangles<'_>, [from, to]: [usize; 2]) -> usize {
+    /// The faces of an edge.
+    pub(super) fn faces_of<'t>(
+        &'t self,
+        triangles: Triangles<'t>,
+        [from, to]: [usize; 2],
+    ) -> impl Iterator<Item = [usize; 3]> + 't {
         let range = at(self.starts, from) as usize..at(self.starts, from + 1) as usize;
         let around = self.around.get(range).unwrap_or_default().iter();
-        let faces = around.filter_map(|&face| triangles.get(face as usize));
-        faces.filter(|corners| corners.iter().any(|&v| v as usize == to)).count()
+        let faces = around.filter_map(move |&face| triangles.get(face as usize));
+        faces
+            .map(|corners| corners.map(|v| v as usize))
+            .filter(move |corners| corners.contains(&to))
     }
 
     /// Passes what a vertex's normal costs several functions back to the positions around it: calls

@@ -11,6 +11,8 @@ use onescan::interchange;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
+use onescan::posterior::output::Spread;
+use onescan::posterior::{self, Request, warning};
 use onescan::progress::Console;
 use onescan::report;
 use onescan_core::chain::Config;
@@ -38,6 +40,11 @@ use std::time::Duration;
 /// to a folder named like it; report.html, summary.json and the meshes stand beside.
 ///
 /// Example: onescan fit face.3dmm a.jpg b.jpg --landmarks a.tlms b.tlms -o out
+///
+/// With --posterior N it samples the posterior around that, and writes to the output directory
+/// posterior.h5 (all states), mean.ply and mean.glb (the posterior's mean face), uncertainty.ply,
+/// uncertainty.glb and uncertainty.png (how far each vertex is known); fit.json then holds every
+/// parameter's 90 % interval and whether the chains have mixed.
 ///
 /// Landmarks are in pixels of the photo, y down, left the subject's left. Those far from where the
 /// fit has them are named; a search bears a wrong one or two.
@@ -89,9 +96,16 @@ pub(super) struct Fit {
     /// [default: 80 at --size 256, at others as the picture's area; with --schedule paper 1].
     #[arg(long, value_parser = at_least_one, allow_negative_numbers = true)]
     pixel_patch: Option<f32>,
+    /// Sample the posterior around the mode as well: so many states of each chain are kept. Some 400
+    /// and a minute or two tell how far pose and shape are known.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=100_000))]
+    posterior: Option<u32>,
     #[command(flatten)]
     chain: ChainOptions,
 }
+
+/// Chains of a posterior, if nothing is said.
+const CHAINS: u32 = 4;
 
 /// What only a chain has use for.
 #[derive(Args)]
@@ -107,7 +121,8 @@ struct ChainOptions {
     /// from what the photo shows [default: 0].
     #[arg(long)]
     shape_samples: Option<u32>,
-    /// Independent chains, run in parallel; the best state of all is kept [default: 1].
+    /// Independent chains, run in parallel; the best state of all is kept [default: 1]. Of --posterior
+    /// likewise, all states being kept [default: 4].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=256))]
     chains: Option<u32>,
     /// Go on from the checkpoint of an interrupted fit with the same arguments.
@@ -152,7 +167,8 @@ fn at_least_one(text: &str) -> std::result::Result<f32, String> {
 impl Fit {
     pub(super) fn run(mut self, console: Console) -> Result<()> {
         self.sort_out();
-        if let (Schedule::Mode, Some(option)) = (self.schedule, self.chain.given()) {
+        let idle = self.chain.given().filter(|&o| self.posterior.is_none() || o != "--chains");
+        if let (Schedule::Mode, Some(option)) = (self.schedule, idle) {
             return Err(Error::new(format_args!(
                 "{option} is for chains, and --schedule mode (the default) runs none; add \
                  --schedule paper, or leave {option} out"
@@ -167,6 +183,11 @@ impl Fit {
                 "a mask is for --schedule mode; chains take all they cover for the face",
             ));
         }
+        if let (Schedule::Paper | Schedule::Sampler, Some(_)) = (self.schedule, self.posterior) {
+            return Err(Error::new(
+                "--posterior samples around what a search found; leave --schedule out",
+            ));
+        }
         output_directory(&self.output)?;
         let file = interchange::open(&self.model)?;
         let model = file.view();
@@ -179,6 +200,9 @@ impl Fit {
             signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
                 .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
                 .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
+        }
+        if let Some(draws) = self.posterior {
+            return self.run_posterior(&jobs, draws, &stop, &model, console);
         }
         match &jobs[..] {
             [job] => self.run_one(job, &stop, model.provenance(), console),
@@ -311,9 +335,55 @@ impl Fit {
             watch(stop, console.task("fitting", steps), |control| find_mode(jobs, control))?;
         let fits = found.ok_or_else(interrupted)?;
         let names = self.names();
+        let results = (jobs.iter().zip(&fits).enumerate())
+            .map(|(i, (job, fit))| output::finish(job, fit, &names, i))
+            .collect::<Result<_>>()?;
+        self.write_several(results, provenance, console)
+    }
+
+    /// Samples the posterior around the mode of one photo or several.
+    fn run_posterior(
+        &self,
+        jobs: &[Job<'_>],
+        draws: u32,
+        stop: &AtomicBool,
+        model: &Model<'_>,
+        console: Console,
+    ) -> Result<()> {
+        let request =
+            Request { draws, chains: self.chain.chains.unwrap_or(CHAINS), seed: self.seed };
+        let task = console.task("sampling", request.steps());
+        let found = watch(stop, task, |control| posterior::sample(jobs, &request, control))?;
+        let (fits, samples) = found.ok_or_else(interrupted)?;
+        let spread = Spread::new(model, &samples)?;
+        let names = self.names();
         let mut results = Vec::new();
         for (i, (job, fit)) in jobs.iter().zip(&fits).enumerate() {
-            let result = output::finish(job, fit, &names, i)?;
+            let mut result = output::finish(job, fit, &names, i)?;
+            let summary = &mut result.summary;
+            summary.posterior = samples.found(i, &spread);
+            summary.warnings.extend(summary.posterior.as_ref().and_then(warning));
+            let Request { draws, chains, seed } = request;
+            summary.command += &format!(" --posterior {draws} --chains {chains} --seed {seed}");
+            result.pictures.uncertainty = Some(spread.picture(model)?);
+            results.push(result);
+        }
+        let mut files = spread.files(model)?;
+        files.push(("posterior.h5", posterior::output::states(&samples)?));
+        for (name, bytes) in files {
+            write_atomically(&self.output.join(name), |out| out.write_all(&bytes))?;
+        }
+        if let [result] = &results[..] {
+            output::write(&self.output, result)?;
+            say(result, console);
+            return self.write_report(&report::fit_report(result, model.provenance())?, console);
+        }
+        self.write_several(results, model.provenance(), console)
+    }
+
+    fn write_several(&self, fits: Vec<Finished>, provenance: &str, console: Console) -> Result<()> {
+        let mut results = Vec::new();
+        for (i, result) in fits.into_iter().enumerate() {
             let folder = self.folder(i);
             let directory = self.output.join(&folder);
             output_directory(&directory)?;

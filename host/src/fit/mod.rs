@@ -29,6 +29,11 @@ use onescan_core::proposal::Branch;
 pub use parallel::{Control, Ending, find_mode};
 pub use schedule::Schedule;
 use std::collections::BTreeMap;
+#[cfg(feature = "full")]
+pub(crate) use {
+    mode::{OTHERS, most_steps as most_mode_steps},
+    parallel::{Look, fits_of_mode},
+};
 
 /// Points of a likelihood trace.
 const TRACE_POINTS: u32 = 400;
@@ -111,6 +116,9 @@ pub struct Mode {
     pub found: ModeFound,
     /// Probability of each pixel of the crop to show the face; 0 where it does not reach.
     pub mask: Vec<f32>,
+    /// How exact it is, approximately, if that was computed.
+    #[cfg(feature = "full")]
+    pub laplace: Option<summary::Laplace>,
 }
 
 impl Job<'_> {

@@ -10,12 +10,12 @@ use onescan_core::search::{self, Evidence, Iteration, ModeSearch, Options};
 
 /// The most steps of a search, for a progress bar.
 #[cfg(feature = "full")]
-pub(super) fn most_steps() -> u64 {
+pub(crate) fn most_steps() -> u64 {
     search::LEVELS.iter().map(|level| u64::from(level.iterations)).sum()
 }
 
 /// Room for photos besides the first; a page fits one, and is small.
-const OTHERS: usize = if cfg!(feature = "full") { MAX_PHOTOS - 1 } else { 0 };
+pub(crate) const OTHERS: usize = if cfg!(feature = "full") { MAX_PHOTOS - 1 } else { 0 };
 
 /// A search on its way, and its trace.
 pub struct Searching<'a, 'w> {
@@ -124,7 +124,12 @@ impl<'a, 'w> Searching<'a, 'w> {
             steps_per_second: iterations as f64 / seconds.max(1e-9),
             trace: self.trace.clone(),
             acceptance: Vec::new(),
-            mode: Some(Mode { found, mask: evidence.mask().to_vec() }),
+            mode: Some(Mode {
+                found,
+                mask: evidence.mask().to_vec(),
+                #[cfg(feature = "full")]
+                laplace: None,
+            }),
         })
     }
 }

@@ -38,6 +38,16 @@ const FITTED: Rgb = [70, 200, 255];
 
 /// Files that only a search writes.
 const MASKED: [&str; 2] = ["mask.png", "behind.png"];
+/// Files that only a sampler writes.
+#[cfg(feature = "full")]
+const SAMPLED: [&str; 6] = [
+    "posterior.h5",
+    "mean.ply",
+    "mean.glb",
+    "uncertainty.ply",
+    "uncertainty.glb",
+    "uncertainty.png",
+];
 
 /// What the files are called; names only, without directories.
 #[derive(Clone, Debug)]
@@ -83,6 +93,10 @@ pub struct Pictures {
     pub whole: Picture,
     /// Of a search for the mode.
     pub masked: Option<Masked>,
+    /// How far the shape is known, if a sampler was asked: the mean face from three sides, coloured by
+    /// the standard deviation of its vertices.
+    #[cfg(feature = "full")]
+    pub uncertainty: Option<Picture>,
     /// The landmarks on the photo, and on the model in it: crosses where they were marked, dots where
     /// the fit has them; in red those that are far off.
     pub landmarks: [Picture; 2],
@@ -159,6 +173,10 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Result<F
             .collect(),
         trace: fit.trace.clone(),
         mode: fit.mode.as_ref().map(|mode| mode.found.clone()),
+        #[cfg(feature = "full")]
+        laplace: fit.mode.as_ref().and_then(|mode| mode.laplace.clone()),
+        #[cfg(feature = "full")]
+        posterior: None,
         parameters,
     };
     Ok(Finished { mesh, pictures: pictures(job, fit, &summary)?, summary })
@@ -216,6 +234,8 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary) -> Result<Pictures> {
     let masked = fit.mode.as_ref().map(|mode| masked(fit.crop, &mode.mask, &photo, &on_photo));
     Ok(Pictures {
         masked,
+        #[cfg(feature = "full")]
+        uncertainty: None,
         landmarks: marked(&crop, &photo, &on_photo, &summary.landmarks),
         on_photo,
         alone: render::draw_on(job.model, &scene, render::GROUND),
@@ -350,15 +370,16 @@ pub fn write(directory: &Path, result: &Finished) -> Result<()> {
     for (name, bytes) in files(result)? {
         write_atomically(&directory.join(name), |out| out.write_all(&bytes))?;
     }
-    if result.pictures.masked.is_none() {
-        // Of an earlier search into the same directory.
-        for name in MASKED {
-            match std::fs::remove_file(directory.join(name)) {
-                Err(e) if e.kind() != ErrorKind::NotFound => {
-                    return Err(Error::file(&directory.join(name), e));
-                }
-                _ => {}
+    // Of an earlier fit into the same directory.
+    let stale = |absent: bool, names: &'static [&'static str]| if absent { names } else { &[] };
+    let masked = stale(result.pictures.masked.is_none(), &MASKED);
+    let sampled = stale(result.summary.posterior.is_none(), &SAMPLED);
+    for name in masked.iter().chain(sampled) {
+        match std::fs::remove_file(directory.join(name)) {
+            Err(e) if e.kind() != ErrorKind::NotFound => {
+                return Err(Error::file(&directory.join(name), e));
             }
+            _ => {}
         }
     }
     Ok(())

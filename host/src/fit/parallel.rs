@@ -2,11 +2,14 @@
 
 use super::checkpoint::{Identity, Save};
 use super::mode::{Searching, most_steps};
+use super::summary::Laplace;
 use super::{Fit, Job, Observed, Run, Running, Schedule};
 use crate::error::{Error, Result};
 use crate::simd;
-use onescan_core::chain::Problem;
+use onescan_core::chain::{Photo, Problem};
 use onescan_core::hash::Fnv64;
+use onescan_core::posterior;
+use onescan_core::search::unknowns::Parts;
 use onescan_core::search::{self, Options};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -116,6 +119,21 @@ pub fn find_mode(jobs: &[Job<'_>], control: &Control<'_>) -> Result<Option<Vec<F
     let looks = jobs.iter().map(Look::new).collect::<Result<Vec<_>>>()?;
     let problems: Vec<_> = jobs.iter().zip(&looks).map(|(job, look)| look.problem(job)).collect();
     let photos: Vec<_> = problems.iter().map(|problem| problem.photo).collect();
+    let found = fits_of_mode(jobs, &problems, &photos, start, control)?;
+    Ok(found.map(|(fits, ..)| fits))
+}
+
+/// What a search was for.
+type Searched<'a> = (Vec<Fit>, Problem<'a>, Options<'a>);
+
+/// The same of jobs whose photos have been looked at, with the problem and options of the search.
+pub(crate) fn fits_of_mode<'a>(
+    jobs: &[Job<'_>],
+    problems: &[Problem<'a>],
+    photos: &'a [Photo<'a>],
+    start: Instant,
+    control: &Control<'_>,
+) -> Result<Option<Searched<'a>>> {
     let (Some(&problem), Some((_, others))) = (problems.first(), photos.split_first()) else {
         return Err(Error::new("no photo to fit to"));
     };
@@ -138,17 +156,46 @@ pub fn find_mode(jobs: &[Job<'_>], control: &Control<'_>) -> Result<Option<Vec<F
     }
     // It may have converged early.
     control.steps.store(most_steps(), Ordering::Relaxed);
-    searching.end(jobs.iter().zip(problems), start.elapsed().as_secs_f64()).map(Some)
+    let seconds = start.elapsed().as_secs_f64();
+    let mut fits = searching.end(jobs.iter().zip(problems.iter().copied()), seconds)?;
+    let layout = searching.search.layout();
+    let mut more = vec![0; posterior::words(&problem, &options)];
+    // A mode without is a mode all the same.
+    if let Ok(mut deviations) = posterior::laplace(searching.search, &mut more) {
+        for (number, fit) in fits.iter_mut().enumerate() {
+            if let (Some(mode), Some(parts)) =
+                (&mut fit.mode, layout.split(&mut deviations, number))
+            {
+                mode.laplace = Some(laplace(&parts));
+            }
+        }
+    }
+    Ok(Some((fits, problem, options)))
+}
+
+/// Standard deviations as the summary has them.
+fn laplace(parts: &Parts<'_>) -> Laplace {
+    let [x, y, z, tx, ty, zoom, distance] = *parts.pose;
+    Laplace {
+        rotation_deg: [x, y, z].map(f32::to_degrees),
+        translation_mm: [tx, ty],
+        zoom,
+        distance,
+        shape: parts.shape.to_vec(),
+        albedo: parts.albedo.to_vec(),
+        light: parts.light.to_vec(),
+        color: parts.color.to_vec(),
+    }
 }
 
 /// What a search looks at of a photo.
-struct Look<'a> {
+pub(crate) struct Look<'a> {
     observed: Observed<'a>,
     open: Option<Vec<u8>>,
 }
 
 impl<'a> Look<'a> {
-    fn new(job: &Job<'a>) -> Result<Self> {
+    pub(crate) fn new(job: &Job<'a>) -> Result<Self> {
         let open = job.mask.map(|mask| job.crop.cut(mask)).transpose()?.map(|mask| {
             let grey =
                 |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;
@@ -157,7 +204,7 @@ impl<'a> Look<'a> {
         Ok(Self { observed: Observed::new(job.photo, job.landmarks, &job.crop)?, open })
     }
 
-    fn problem<'l>(&'l self, job: &'l Job<'_>) -> Problem<'l> {
+    pub(crate) fn problem<'l>(&'l self, job: &'l Job<'_>) -> Problem<'l> {
         self.observed.problem(job.model, &job.config, simd::best()).with_open(self.open.as_deref())
     }
 }

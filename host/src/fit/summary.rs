@@ -82,6 +82,81 @@ pub struct ModeFound {
     pub seen_rmse: f64,
 }
 
+/// Standard deviations in Laplace's approximation: the posterior as a normal distribution about the
+/// mode. It knows the mode alone, and is too narrow where the posterior is bent; a sampler
+/// ([`PosteriorFound`]) tells what is.
+#[cfg(feature = "full")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Laplace {
+    /// Rotation about the x, y and z axis (about pitch, yaw and roll), degrees.
+    pub rotation_deg: [f32; 3],
+    /// Translation along x and y, mm.
+    pub translation_mm: [f32; 2],
+    /// Focal length at a fixed distance, as a part of it.
+    pub zoom: f32,
+    /// Distance with the focal length in proportion, as a part of it.
+    pub distance: f32,
+    /// Shape coefficients.
+    pub shape: Vec<f32>,
+    /// Albedo coefficients.
+    pub albedo: Vec<f32>,
+    /// Light, as in `parameters.light`.
+    pub light: Vec<[f32; 3]>,
+    /// Gain, contrast, offset.
+    pub color: Vec<f32>,
+}
+
+/// One parameter of a sampled posterior.
+#[cfg(feature = "full")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Marginal {
+    /// Its name: the path in `parameters`. Angles are in degrees here.
+    pub name: String,
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// 5 % quantile: with the next the 90 % interval.
+    pub low: f64,
+    /// 95 % quantile.
+    pub high: f64,
+    /// Rank-normalised split R̂.
+    pub r_hat: f64,
+    /// Effective sample size of the bulk.
+    pub ess_bulk: f64,
+    /// Effective sample size of the tails.
+    pub ess_tail: f64,
+}
+
+/// A sampled posterior.
+#[cfg(feature = "full")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PosteriorFound {
+    /// Chains.
+    pub chains: u32,
+    /// Kept states of each.
+    pub draws: u32,
+    /// Steps of each before, thrown away.
+    pub warm_up: u32,
+    /// Accepted trajectories, as a part of all.
+    pub acceptance: f64,
+    /// Hash over the bits of every accepted state of all chains.
+    pub fingerprint: String,
+    /// Largest R̂.
+    pub r_hat: f64,
+    /// Smallest effective sample size, of bulk or tail.
+    pub ess: f64,
+    /// How many parameters have R̂ below 1.01 and both sample sizes of at least 400.
+    pub mixed: usize,
+    /// Root mean square over the vertices of the standard deviation of their places, mm, each state's
+    /// face being aligned to the mean face.
+    pub vertex_sd_mm: f64,
+    /// The end of the scale of colours of uncertainty.png and its meshes, mm.
+    pub uncertainty_scale_mm: f64,
+    /// Every parameter.
+    pub parameters: Vec<Marginal>,
+}
+
 /// A landmark, where it was marked and where the fit has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LandmarkFound {
@@ -153,6 +228,14 @@ pub struct Summary {
     /// How a search for the mode ended; absent from a chain's fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mode: Option<ModeFound>,
+    /// How exact a search's result is, approximately; absent from a chain's fit.
+    #[cfg(feature = "full")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub laplace: Option<Laplace>,
+    /// What a sampler found around the mode, if it was asked for.
+    #[cfg(feature = "full")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posterior: Option<PosteriorFound>,
     /// The best state; its camera sees the whole photo.
     pub parameters: Scene,
 }
@@ -288,6 +371,10 @@ pub(crate) mod tests {
                 (300, 2048.25),
             ],
             mode: None,
+            #[cfg(feature = "full")]
+            laplace: None,
+            #[cfg(feature = "full")]
+            posterior: None,
             parameters,
         }
     }

@@ -270,7 +270,7 @@ pub fn difference(a: &Picture, b: &Picture, full_scale: f32) -> Result<Picture> 
 }
 
 /// Colour of `level / 1024`, `level ≤ 1024`: the "inferno" colour map at five points.
-fn heat_color(level: u32) -> Rgb {
+pub(crate) fn heat_color(level: u32) -> Rgb {
     const MAP: [[u32; 3]; 5] =
         [[0, 0, 4], [87, 16, 110], [188, 55, 84], [249, 142, 9], [252, 255, 220]];
     let from = (level / 256).min(3) as usize;

@@ -3,6 +3,8 @@
 pub(crate) mod charts;
 #[cfg(feature = "full")]
 mod measures;
+#[cfg(feature = "full")]
+mod posterior;
 mod tables;
 pub(crate) mod words;
 
@@ -214,6 +216,18 @@ impl<'a> Section<'a> {
             format!("The whole photo {file} with the fitted model in its place"),
             "Back in the whole photo.",
         )?);
+        #[cfg(feature = "full")]
+        if let (Some(picture), Some(found)) = (&pictures.uncertainty, &summary.posterior) {
+            figures.push(Figure::new(
+                picture,
+                format!(
+                    "Standard deviation of the fitted shape, black 0 to white {} mm",
+                    found.uncertainty_scale_mm
+                ),
+                "How far the shape is known: standard deviation of every point, from black (0) by \
+                 violet, red and orange to white (the scale's end is among the figures below).",
+            )?);
+        }
         Ok(Self { summary, about, folder, figures })
     }
 
@@ -241,6 +255,10 @@ impl<'a> Section<'a> {
         f.write_str("</div><div><h3>What was found</h3>\n")?;
         facts(f, &scene_facts(&s.parameters))?;
         f.write_str("</div></div>\n")?;
+        #[cfg(feature = "full")]
+        if let Some(found) = &s.posterior {
+            posterior::section(f, found)?;
+        }
         match &s.mode {
             Some(mode) => levels(f, s, mode)?,
             None => traces(f, s)?,

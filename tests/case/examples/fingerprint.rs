@@ -1,6 +1,6 @@
-//! Prints what fixtures/golden/device.txt ends with: the chain's and the search's hashes.
+//! Prints what fixtures/golden/device.txt ends with: the chain's, the search's and the sampler's hashes.
 
-use onescan_case::{SEARCH_WORDS, WORDS, fit, search, write_search};
+use onescan_case::{POSTERIOR_WORDS, SEARCH_WORDS, WORDS, fit, posterior, search, write_search};
 use onescan_core::engine::Engine;
 
 fn main() {
@@ -13,4 +13,6 @@ fn main() {
     {
         print!("{lines}");
     }
+    let sampled = posterior(&mut vec![0; POSTERIOR_WORDS], Engine::PORTABLE);
+    println!("posterior {:016x}", sampled.unwrap_or(0));
 }

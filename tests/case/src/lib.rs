@@ -1,5 +1,5 @@
 //! One small fit for every target: the same inputs from flash or memory, the same bits out. Once by
-//! a chain, and once more as a search for the mode.
+//! a chain, once more as a search for the mode, and where there is memory by a sampler around that.
 //!
 //! The inputs are fixtures/device, which `cargo xtask golden --device` makes: a decimated face
 //! model of 30 + 30 components, a 64 × 64 photo, and the same of half the size for the search,
@@ -19,11 +19,12 @@ use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::likelihood::pixels::{Coverage, Known, Surface, Target};
 use onescan_core::memory::Carver;
 use onescan_core::model::Model;
+use onescan_core::posterior::{self, Pilot, Sampler};
 use onescan_core::render::rasterize;
 use onescan_core::render::shade::{Shader, set_albedo, set_normals};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use onescan_core::search::{ModeSearch, Options, words_for};
+use onescan_core::search::{self, ModeSearch, Options, words_for};
 
 /// Side of the photo, pixels.
 pub const SIDE: usize = 64;
@@ -195,6 +196,39 @@ pub fn search(memory: &mut [u32], engine: &Engine) -> Option<Found> {
             iterations: search.iterations(),
             scene: search.scene(),
         })
+    })
+}
+
+/// Memory of [`posterior`], words.
+pub const POSTERIOR_WORDS: usize = 1 << 20;
+/// Steps of its chain that adapt it, and all.
+const POSTERIOR_STEPS: [u32; 2] = [20, 60];
+
+/// Samples the posterior around the mode of the photo of half the size, in `memory` of
+/// [`POSTERIOR_WORDS`]; gives the hash of every accepted state. `None` if it is too short.
+#[inline(never)]
+pub fn posterior(memory: &mut [u32], engine: &Engine) -> Option<u64> {
+    HALF.pose(engine, |problem| {
+        let options = Options::default();
+        let mode = |memory| {
+            let mut search: ModeSearch<'_, '_> = ModeSearch::new(problem, options, memory).ok()?;
+            while search.step().is_some() {}
+            Some(search)
+        };
+        let words = search::words(&problem, &options);
+        let (first, rest) = memory.split_at_mut_checked(words)?;
+        let (second, rest) = rest.split_at_mut_checked(words)?;
+        let pilot_words = posterior::pilot_words(&problem, &options);
+        let (third, fourth) = rest.split_at_mut_checked(pilot_words)?;
+        let mut pilot = Pilot::new(mode(first)?, third).ok()?;
+        while pilot.step() {}
+        let [warm_up, steps] = POSTERIOR_STEPS;
+        let ground = pilot.ground();
+        let mut chain = Sampler::new(mode(second)?, &ground, warm_up, SEED, 0, fourth).ok()?;
+        for _ in 0..steps {
+            chain.step();
+        }
+        Some(chain.fingerprint())
     })
 }
 

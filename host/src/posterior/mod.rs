@@ -1,0 +1,279 @@
+//! The posterior around a fit's mode, sampled by several chains.
+
+pub mod diagnostics;
+pub mod output;
+
+use crate::error::{Error, Result};
+use crate::fit::summary::{Marginal, PosteriorFound, hex};
+use crate::fit::{Control, Fit, Job, Look, fits_of_mode, most_mode_steps};
+use diagnostics::{Diagnosis, quantile};
+use onescan_core::chain::Problem;
+use onescan_core::hash::Fnv64;
+use onescan_core::posterior::{self, Pilot, Sampler};
+use onescan_core::scene::{Subject, View};
+use onescan_core::search::{self, ModeSearch, Options};
+use output::Spread;
+use rayon::prelude::*;
+use std::f64::consts::{PI, TAU};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// Steps of a chain that adapt it and are thrown away.
+pub const WARM_UP: u32 = 60;
+/// R̂ below which, and sample sizes from which on, a parameter counts as mixed (Vehtari et al. 2021).
+const R_HAT: f64 = 1.01;
+const ESS: f64 = 400.0;
+/// Others' photos that a search of the host has room for.
+const OTHERS: usize = crate::fit::OTHERS;
+
+/// What is asked of a sampler.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Request {
+    /// Kept states of each chain.
+    pub draws: u32,
+    /// Chains.
+    pub chains: u32,
+    /// Seed.
+    pub seed: u64,
+}
+
+impl Request {
+    /// Steps of search, pilot and chains, for a progress bar.
+    pub fn steps(&self) -> u64 {
+        let chain = u64::from(WARM_UP + self.draws);
+        most_mode_steps() + u64::from(Pilot::<OTHERS>::STEPS) + u64::from(self.chains) * chain
+    }
+}
+
+/// A state of a chain.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Draw {
+    /// Shape and albedo.
+    pub subject: Subject,
+    /// Photo by photo; cameras see the whole photo.
+    pub views: Vec<View>,
+    /// Log posterior density, up to a constant.
+    pub ln_density: f64,
+}
+
+/// Samples of the posterior.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Samples {
+    /// Of every chain its kept states.
+    pub chains: Vec<Vec<Draw>>,
+    /// Accepted trajectories as a part of all.
+    pub acceptance: f64,
+    /// Hash over the bits of every accepted state of all chains.
+    pub fingerprint: u64,
+}
+
+/// Finds the mode of photos of one subject, and samples the posterior around it; `None` if
+/// [`Control::stop`] was set. Chains run in parallel on rayon's threads; each is a function of the seed
+/// and its number, so the number of threads changes nothing.
+///
+/// # Errors
+/// Those of [`crate::fit::find_mode`]; a mode that nothing can be sampled around.
+pub fn sample(
+    jobs: &[Job<'_>],
+    request: &Request,
+    control: &Control<'_>,
+) -> Result<Option<(Vec<Fit>, Samples)>> {
+    let start = Instant::now();
+    let looks = jobs.iter().map(Look::new).collect::<Result<Vec<_>>>()?;
+    let problems: Vec<_> = jobs.iter().zip(&looks).map(|(job, look)| look.problem(job)).collect();
+    let photos: Vec<_> = problems.iter().map(|problem| problem.photo).collect();
+    let Some((fits, problem, options)) = fits_of_mode(jobs, &problems, &photos, start, control)?
+    else {
+        return Ok(None);
+    };
+    let stopped = || control.stop.load(Ordering::Relaxed);
+    let words = search::words(&problem, &options);
+    let (mut memory, mut more) =
+        (vec![0; words], vec![0; posterior::pilot_words(&problem, &options)]);
+    let mut pilot =
+        Pilot::new(mode(problem, options, &mut memory)?, &mut more).map_err(Error::new)?;
+    while pilot.step() {
+        if stopped() {
+            return Ok(None);
+        }
+        control.steps.fetch_add(1, Ordering::Relaxed);
+    }
+    let ground = pilot.ground();
+    let runs = (0..request.chains)
+        .into_par_iter()
+        .map(|number| {
+            let (mut memory, mut more) =
+                (vec![0; words], vec![0; posterior::words(&problem, &options)]);
+            let search = mode(problem, options, &mut memory)?;
+            let seed = request.seed;
+            let chain = Sampler::new(search, &ground, WARM_UP, seed, number, &mut more);
+            let mut chain = chain.map_err(Error::new)?;
+            let mut kept = Vec::with_capacity(request.draws as usize);
+            while kept.len() < request.draws as usize && !stopped() {
+                let warm = chain.warm();
+                chain.step();
+                control.steps.fetch_add(1, Ordering::Relaxed);
+                if warm {
+                    let views = chain.views().zip(jobs).map(|(mut view, job)| {
+                        view.camera = job.crop.camera_in_photo(&view.camera);
+                        view
+                    });
+                    kept.push(Draw {
+                        subject: chain.subject(),
+                        views: views.collect(),
+                        ln_density: chain.ln_density(),
+                    });
+                }
+            }
+            let (steps, accepted, _) = chain.tally();
+            Ok((kept, steps, accepted, chain.fingerprint()))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    if stopped() {
+        return Ok(None);
+    }
+    let mut hash = Fnv64::default();
+    let (mut steps, mut accepted) = (0, 0);
+    let mut chains = Vec::new();
+    for (kept, of, taken, fingerprint) in runs {
+        (steps, accepted) = (steps + of, accepted + taken);
+        hash.write(&fingerprint.to_le_bytes());
+        chains.push(kept);
+    }
+    let acceptance = f64::from(accepted) / f64::from(steps.max(1));
+    Ok(Some((fits, Samples { chains, acceptance, fingerprint: hash.finish() })))
+}
+
+/// The search at its end: it is made again, since its memory goes to what samples around it.
+fn mode<'a, 'w>(
+    problem: Problem<'a>,
+    options: Options<'a>,
+    memory: &'w mut [u32],
+) -> Result<ModeSearch<'a, 'w, OTHERS>> {
+    let mut search = ModeSearch::of_photos(problem, options, memory).map_err(Error::new)?;
+    while search.step().is_some() {}
+    Ok(search)
+}
+
+/// How a state has a parameter.
+type Of = Box<dyn Fn(&Draw) -> f64 + Send + Sync>;
+/// A parameter's name, and that.
+type Parameter = (String, Of);
+
+/// Yaw, pitch and roll, radians.
+fn rotation(view: &View) -> [f32; 3] {
+    [view.pose.yaw, view.pose.pitch, view.pose.roll]
+}
+
+/// All parameters of the subject and of one photo's view.
+fn parameters(first: &Draw, photo: usize) -> Vec<Parameter> {
+    let mut all: Vec<Parameter> = Vec::new();
+    let mut put = |name: String, of: Of| all.push((name, of));
+    for i in 0..first.subject.shape.len() {
+        put(format!("shape[{i}]"), Box::new(move |d| d.subject.shape[i].into()));
+    }
+    for i in 0..first.subject.albedo.len() {
+        put(format!("albedo[{i}]"), Box::new(move |d| d.subject.albedo[i].into()));
+    }
+    for (i, name) in ["yaw", "pitch", "roll"].into_iter().enumerate() {
+        let angle = move |view: &View| rotation(view)[i];
+        // A turn more or less is the same angle: that nearest the first state's.
+        let near = f64::from(angle(&first.views[photo]));
+        let of = move |d: &Draw| {
+            let off = f64::from(angle(&d.views[photo])) - near;
+            (near + (off + PI).rem_euclid(TAU) - PI).to_degrees()
+        };
+        put(format!("pose.{name}"), Box::new(of));
+    }
+    for i in 0..3 {
+        let of = move |d: &Draw| f64::from(d.views[photo].pose.translation[i]);
+        put(format!("pose.translation[{i}]"), Box::new(of));
+    }
+    put("camera.focal_length".into(), Box::new(move |d| d.views[photo].camera.focal_length.into()));
+    for k in 0..9 {
+        for c in 0..3 {
+            let of = move |d: &Draw| f64::from(d.views[photo].light[k][c]);
+            put(format!("light[{k}][{c}]"), Box::new(of));
+        }
+    }
+    for c in 0..3 {
+        put(format!("color.gain[{c}]"), Box::new(move |d| d.views[photo].color.gain[c].into()));
+    }
+    put("color.contrast".into(), Box::new(move |d| d.views[photo].color.contrast.into()));
+    for c in 0..3 {
+        put(format!("color.offset[{c}]"), Box::new(move |d| d.views[photo].color.offset[c].into()));
+    }
+    all
+}
+
+impl Samples {
+    /// All states.
+    pub fn draws(&self) -> impl Iterator<Item = &Draw> {
+        self.chains.iter().flatten()
+    }
+
+    /// What they tell of the subject, whose vertices spread so, and of one photo's view; `None` without
+    /// states.
+    pub fn found(&self, photo: usize, spread: &Spread) -> Option<PosteriorFound> {
+        let first = self.draws().next()?;
+        let marginals: Vec<Marginal> = parameters(first, photo)
+            .into_par_iter()
+            .map(|(name, of)| {
+                let chains: Vec<Vec<f64>> =
+                    self.chains.iter().map(|chain| chain.iter().map(&of).collect()).collect();
+                marginal(name, &chains)
+            })
+            .collect();
+        let worst = |of: fn(&Marginal) -> f64, pick: fn(f64, f64) -> f64| {
+            marginals.iter().map(of).reduce(pick).unwrap_or(0.0)
+        };
+        let mixed = |m: &&Marginal| m.r_hat < R_HAT && m.ess_bulk.min(m.ess_tail) >= ESS;
+        Some(PosteriorFound {
+            chains: self.chains.len() as u32,
+            draws: self.chains[0].len() as u32,
+            warm_up: WARM_UP,
+            acceptance: self.acceptance,
+            fingerprint: hex(self.fingerprint),
+            r_hat: worst(|m| m.r_hat, f64::max),
+            ess: worst(|m| m.ess_bulk.min(m.ess_tail), f64::min),
+            mixed: marginals.iter().filter(mixed).count(),
+            vertex_sd_mm: spread.rms(),
+            uncertainty_scale_mm: f64::from(spread.most()),
+            parameters: marginals,
+        })
+    }
+}
+
+fn marginal(name: String, chains: &[Vec<f64>]) -> Marginal {
+    let all = chains.concat();
+    let n = all.len().max(1) as f64;
+    let mean = all.iter().sum::<f64>() / n;
+    let sd = (all.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt();
+    let Diagnosis { r_hat, ess_bulk, ess_tail } = Diagnosis::of(chains);
+    // What never moved has not mixed.
+    let known = |x: f64, or: f64| if x.is_finite() { x } else { or };
+    Marginal {
+        name,
+        mean,
+        sd,
+        low: quantile(&all, 0.05),
+        high: quantile(&all, 0.95),
+        r_hat: known(r_hat, f64::MAX),
+        ess_bulk: known(ess_bulk, 0.0),
+        ess_tail: known(ess_tail, 0.0),
+    }
+}
+
+/// Why samples cannot be believed as they are, as a sentence; none if they can.
+pub fn warning(found: &PosteriorFound) -> Option<String> {
+    let all = found.parameters.len();
+    (found.mixed < all).then(|| {
+        format!(
+            "{} of {all} parameters have not mixed (R-hat of 1.01 or more, or an effective sample size \
+             below 400; fit.json names them): take their intervals with care, or draw more than {} \
+             states",
+            all - found.mixed,
+            found.draws
+        )
+    })
+}
