@@ -1,5 +1,5 @@
 //! `cargo xtask hdf5`: our `.h5` files through the eyes of HDF5's own library, and what we say of
-//! samples through ArviZ's.
+//! samples through `ArviZ`'s.
 
 use crate::shell::{cargo, command, output, root, run as sh, target};
 use crate::targets::install;
