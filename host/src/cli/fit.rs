@@ -364,7 +364,8 @@ impl Fit {
             summary.posterior = samples.found(i, &spread);
             summary.warnings.extend(summary.posterior.as_ref().and_then(warning));
             let Request { draws, chains, seed } = request;
-            summary.command += &format!(" --posterior {draws} --chains {chains} --seed {seed}");
+            summary.command =
+                format!("{} --posterior {draws} --chains {chains} --seed {seed}", summary.command);
             result.pictures.uncertainty = Some(spread.picture(model)?);
             results.push(result);
         }

@@ -545,6 +545,7 @@ mod tests {
         summary.image.file = file.to_owned();
         let picture = || Picture::filled(4, 3, [90, 60, 30]);
         let pictures = Pictures {
+            uncertainty: None,
             photo: picture(),
             on_photo: picture(),
             alone: picture(),

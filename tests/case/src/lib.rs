@@ -199,7 +199,7 @@ pub fn search(memory: &mut [u32], engine: &Engine) -> Option<Found> {
     })
 }
 
-/// Memory of [`posterior`], words.
+/// Memory of [`posterior()`], words.
 pub const POSTERIOR_WORDS: usize = 1 << 20;
 /// Steps of its chain that adapt it, and all.
 const POSTERIOR_STEPS: [u32; 2] = [20, 60];
@@ -239,7 +239,7 @@ pub fn picture(memory: &mut [u32], scene: &Scene, show: impl FnOnce(&[[f32; 3]])
     PHOTO.draw(memory, scene, show)
 }
 
-/// The same for [`search`], rows of [`HALF_SIDE`] colours; of [`SEARCH_WORDS`].
+/// The same for [`search()`], rows of [`HALF_SIDE`] colours; of [`SEARCH_WORDS`].
 #[inline(never)]
 pub fn half_picture(
     memory: &mut [u32],
