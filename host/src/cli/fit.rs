@@ -397,6 +397,9 @@ impl Fit {
         for (name, bytes) in output::files_of_all(&results)? {
             write_atomically(&self.output.join(name), |out| out.write_all(&bytes))?;
         }
+        if let Some(first) = results.first() {
+            output::clear(&self.output, &first.summary, false)?;
+        }
         self.write_report(&page, console)
     }
 

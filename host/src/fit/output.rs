@@ -370,10 +370,18 @@ pub fn write(directory: &Path, result: &Finished) -> Result<()> {
     for (name, bytes) in files(result)? {
         write_atomically(&directory.join(name), |out| out.write_all(&bytes))?;
     }
-    // Of an earlier fit into the same directory.
+    clear(directory, &result.summary, result.pictures.masked.is_some())
+}
+
+/// Removes what an earlier fit left in a directory and this one has not written.
+///
+/// # Errors
+/// Files that cannot be removed.
+#[cfg(feature = "full")]
+pub fn clear(directory: &Path, summary: &Summary, masked: bool) -> Result<()> {
     let stale = |absent: bool, names: &'static [&'static str]| if absent { names } else { &[] };
-    let masked = stale(result.pictures.masked.is_none(), &MASKED);
-    let sampled = stale(result.summary.posterior.is_none(), &SAMPLED);
+    let masked = stale(!masked, &MASKED);
+    let sampled = stale(summary.posterior.is_none(), &SAMPLED);
     for name in masked.iter().chain(sampled) {
         match std::fs::remove_file(directory.join(name)) {
             Err(e) if e.kind() != ErrorKind::NotFound => {

@@ -281,6 +281,10 @@ impl<'a> Section<'a> {
             let link = address(&[&self.folder, file]);
             writeln!(f, "<li><a href=\"{link}\">{file}</a>: {what}</li>")?;
         }
+        #[cfg(feature = "full")]
+        if self.summary.posterior.is_some() {
+            posterior::files(f)?;
+        }
         writeln!(
             f,
             "</ul>\n<h3>Repeat it</h3>\n<pre><code>{}</code></pre>\n<p class=\"note\">The same \

@@ -50,3 +50,15 @@ pub(super) fn section(f: &mut impl Write, found: &PosteriorFound) -> fmt::Result
          what mixed worst of the rest; all are in fit.json, all states in posterior.h5.</p>\n",
     )
 }
+
+/// The files that stand beside the page, whatever folder a fit's own are in.
+pub(super) fn files(f: &mut impl Write) -> fmt::Result {
+    for (file, what) in [
+        ("posterior.h5", "all states of the chains"),
+        ("mean.glb", "the posterior's mean face"),
+        ("uncertainty.glb", "that face, coloured by how far its points are known"),
+    ] {
+        writeln!(f, "<li><a href=\"{file}\">{file}</a>: {what}</li>")?;
+    }
+    Ok(())
+}
