@@ -30,6 +30,16 @@ pub struct State {
     pub energy: f64,
 }
 
+impl State {
+    /// Computes energy and force of the position; whether the density is more than nought there.
+    pub(super) fn look(&mut self, field: &mut impl Field) -> bool {
+        let Self { position, force, energy } = self;
+        let found = field.energy(position, force);
+        *energy = found.unwrap_or(f64::INFINITY);
+        found.is_some()
+    }
+}
+
 /// The density of a [`Field`], for [`crate::metropolis::step`].
 pub struct Density<F>(pub F);
 

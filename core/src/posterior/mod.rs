@@ -82,19 +82,24 @@ struct Around<'a, 'w, const OTHERS: usize> {
 }
 
 impl<'a, 'w, const OTHERS: usize> Around<'a, 'w, OTHERS> {
-    /// Holds what a search has found; the metric is still to be made.
+    /// Holds what a search has found; the metric is still to be made. Beside that it takes room for
+    /// `notes` numbers per unknown.
     fn new(
         search: ModeSearch<'a, 'w, OTHERS>,
-        carver: &mut Carver<'w>,
-    ) -> Result<Self, ChainError> {
+        notes: usize,
+        memory: &'w mut [u32],
+    ) -> Result<(Self, &'w mut [f32]), ChainError> {
         let n = search.layout().len();
         if n > MAX_UNKNOWNS {
             return Err(ChainError::Photos { found: 1 + OTHERS });
         }
-        let error = ChainError::Memory { needed: matrix_words(n), found: 0 };
+        let needed = matrix_words(n) + Held::words(&search) + notes * n;
+        let error = ChainError::Memory { needed, found: memory.len() };
+        let mut carver = Carver::new(memory);
         let factor = carver.floats(matrix_words(n)).ok_or(error)?;
         let metric = Metric::new(n, factor.as_chunks_mut().0).ok_or(error)?;
-        Ok(Self { held: Held::new(search, carver).ok_or(error)?, metric })
+        let held = Held::new(search, &mut carver).ok_or(error)?;
+        Ok((Self { held, metric }, carver.floats(notes * n).ok_or(error)?))
     }
 
     fn unknowns(&self) -> usize {
@@ -166,7 +171,6 @@ struct Walk<'a, 'w, const OTHERS: usize> {
     ln_angle: [f64; 2],
     /// Steps that adapted it.
     adapted: u32,
-    turns: u64,
 }
 
 impl<'a, 'w, const OTHERS: usize> Walk<'a, 'w, OTHERS> {
@@ -184,7 +188,7 @@ impl<'a, 'w, const OTHERS: usize> Walk<'a, 'w, OTHERS> {
             }
             if state.look(&mut target.0) {
                 let ln_angle = [math::ln(ANGLE); 2];
-                return Ok(Self { target, state, rng, ln_angle, adapted: 0, turns: 0 });
+                return Ok(Self { target, state, rng, ln_angle, adapted: 0 });
             }
         }
         Err(ChainError::Config)
@@ -198,9 +202,7 @@ impl<'a, 'w, const OTHERS: usize> Walk<'a, 'w, OTHERS> {
         let mut moves = Trajectory { angle, turns };
         let mut density = [-self.state.energy];
         let Self { target, state, rng, .. } = self;
-        let outcome = metropolis::step(target, &mut moves, 0, 1, state, &mut density, rng);
-        self.turns += u64::from(turns);
-        outcome
+        metropolis::step(target, &mut moves, 0, 1, state, &mut density, rng)
     }
 
     /// The same, and adapts the angle.
@@ -221,16 +223,6 @@ impl<'a, 'w, const OTHERS: usize> Walk<'a, 'w, OTHERS> {
     }
 }
 
-impl State {
-    /// Computes energy and force of the position; whether the density is more than nought there.
-    fn look(&mut self, field: &mut impl Field) -> bool {
-        let Self { position, force, energy } = self;
-        let found = field.energy(position, force);
-        *energy = found.unwrap_or(f64::INFINITY);
-        found.is_some()
-    }
-}
-
 /// Standard deviations of the unknowns around a mode in Laplace's approximation: the posterior as the
 /// normal distribution that has the mode's Gauss–Newton matrix. Order and units are those of
 /// [`crate::search::unknowns`]; `memory` is [`words`] long.
@@ -242,7 +234,7 @@ pub fn laplace<'w, const OTHERS: usize>(
     search: ModeSearch<'_, 'w, OTHERS>,
     memory: &'w mut [u32],
 ) -> Result<Unknowns, ChainError> {
-    let mut around = Around::new(search, &mut Carver::new(memory))?;
+    let (mut around, _) = Around::new(search, 0, memory)?;
     let mut step = Unknowns::new();
     // There is room for all.
     let _ = step.resize(around.unknowns(), 0.0);
@@ -284,23 +276,15 @@ impl<'a, 'w, const OTHERS: usize> Pilot<'a, 'w, OTHERS> {
         search: ModeSearch<'a, 'w, OTHERS>,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let found = memory.len();
-        let mut carver = Carver::new(memory);
-        let mut around = Around::new(search, &mut carver)?;
-        let n = around.unknowns();
-        let needed = found + NOTED * n;
-        let noted = carver.floats(NOTED * n).ok_or(ChainError::Memory { needed, found })?;
-        let mut step = around.step(&[]);
+        let (mut around, noted) = Around::new(search, NOTED, memory)?;
+        let mut step = Unknowns::new();
         // There is room for all.
-        let _ = step.resize(n, 0.0);
-        let mode = step.clone();
+        let _ = step.resize(around.unknowns(), 0.0);
+        let mut mode = step.clone();
         let mut rng = Rng::new(0, 0);
-        let metric = |around: &mut Around<'a, 'w, OTHERS>| {
-            let made = around.make_metric(&mut mode.clone(), METRIC_PIXELS);
-            made.then_some(()).ok_or(ChainError::Config)
-        };
-        metric(&mut around)?;
-        around.held.leave_contours_out(&mut mode.clone());
+        let made = |made: bool| made.then_some(()).ok_or(ChainError::Config);
+        made(around.make_metric(&mut mode, METRIC_PIXELS))?;
+        around.held.leave_contours_out(&mut mode);
         for _ in 0..DRAWS {
             for z in &mut step {
                 *z = rng.normal() as f32;
@@ -309,7 +293,7 @@ impl<'a, 'w, const OTHERS: usize> Pilot<'a, 'w, OTHERS> {
             around.held.leave_contours_out(&mut step);
         }
         around.held.settle();
-        metric(&mut around)?;
+        made(around.make_metric(&mut mode, METRIC_PIXELS))?;
         Ok(Self { walk: Walk::new(around, rng)?, steps: 0, noted })
     }
 
@@ -342,8 +326,12 @@ impl<'a, 'w, const OTHERS: usize> Pilot<'a, 'w, OTHERS> {
             around.held.leave_contours_out(step);
         }
         around.held.settle();
-        // If it cannot be done, the one before is left.
-        around.make_metric(noted, NOTED_PIXELS);
+        if !around.make_metric(noted, NOTED_PIXELS) {
+            // Then the mode's, which could be made.
+            let mut mode = step.clone();
+            mode.fill(0.0);
+            around.make_metric(&mut mode, METRIC_PIXELS);
+        }
         around.metric.multiply(&mut step);
         state.position = step;
         state.look(around);
@@ -383,7 +371,7 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         stream: u32,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let mut around = Around::new(search, &mut Carver::new(memory))?;
+        let (mut around, _) = Around::new(search, 0, memory)?;
         let factor = around.metric.factor();
         if factor.len() != ground.factor.len() || !around.held.count(ground.counts) {
             return Err(ChainError::Config);
@@ -415,19 +403,14 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         self.steps >= self.warm_up
     }
 
-    /// The step of the state from the mode, see [`crate::search::unknowns`].
-    pub fn unknowns(&self) -> Unknowns {
-        self.walk.unknowns()
-    }
-
     /// The subject of the state.
     pub fn subject(&self) -> Subject {
-        self.walk.target.0.held.subject(&mut self.unknowns())
+        self.walk.target.0.held.subject(&mut self.walk.unknowns())
     }
 
     /// Its views, photo by photo.
     pub fn views(&self) -> impl Iterator<Item = View> {
-        self.walk.target.0.held.views(self.unknowns())
+        self.walk.target.0.held.views(self.walk.unknowns())
     }
 
     /// Log density of the state, up to a constant.
@@ -435,19 +418,9 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         -self.walk.state.energy
     }
 
-    /// The metric.
-    pub fn metric(&self) -> &Metric<'w> {
-        &self.walk.target.0.metric
-    }
-
-    /// Angle of a turn, radians.
-    pub fn angle(&self) -> f64 {
-        math::exp(self.walk.ln_angle[1])
-    }
-
-    /// Steps, accepted ones, and turns.
-    pub fn tally(&self) -> (u32, u32, u64) {
-        (self.steps, self.accepted, self.walk.turns)
+    /// Steps, and accepted ones.
+    pub fn tally(&self) -> (u32, u32) {
+        (self.steps, self.accepted)
     }
 
     /// Hash of every accepted state.

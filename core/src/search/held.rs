@@ -9,9 +9,10 @@
 //! `d = G(a·(photo − rendering))/Ga`. Where triangles are smaller than pixels a rendering is made of
 //! lucky hits, and without the lens its differences jump as the surface moves.
 //!
-//! Pixels near a contour of the surface, where one part hides another or it ends, have `a_p = 0`: those
-//! that contours come near in draws of the mode's normal approximation. So `E` is smooth, and the force
-//! that [`Held::energy`] gives is its slope.
+//! Pixels near a contour of the surface, where one part hides another or it ends, have `a_p = 0`,
+//! wherever [`Held::leave_contours_out`] has looked for contours. So `E` is smooth there, and
+//! [`Held::force`] its slope, in the coordinates of `chart.rs`; but for how colours follow the motion of
+//! the surface, which is by differences of the rendering (`gradient.rs`).
 
 use super::chart::{Chart, Origin, chart_words};
 use super::common::Common;
@@ -39,18 +40,15 @@ const HARDLY: f32 = 0.01;
 /// Part of what counts that a scene must cover.
 const COVERED: f64 = 0.5;
 
-/// Words of memory a [`Held`] needs besides its search's: of every photo's pixels what they count and
-/// two planes that follow from it; seven planes, and what a gradient needs.
+/// Words of memory a [`Held`] needs besides its search's, of photos of so many pixels: of every pixel
+/// what it counts and two planes that follow from it; seven planes, and what a gradient needs.
 pub(crate) fn held_words(
     vertices: usize,
     albedo_rank: usize,
-    photos: impl Iterator<Item = usize> + Clone,
+    photos: impl Iterator<Item = usize>,
 ) -> usize {
-    let most = photos.clone().max().unwrap_or(0);
-    chart_words(albedo_rank)
-        + photos.map(|pixels| 3 * pixels).sum::<usize>()
-        + 7 * most
-        + gradient_words(vertices, most)
+    let (sum, most) = photos.fold((0, 0), |(sum, most), pixels| (sum + pixels, pixels.max(most)));
+    chart_words(albedo_rank) + 3 * sum + 7 * most + gradient_words(vertices, most)
 }
 
 /// A search at its end, whose memory serves the sampler.
@@ -73,7 +71,9 @@ struct Photo<'w> {
     shares: &'w mut [f32],
     /// `Σa`.
     whole: f64,
-    /// Columns and rows of a box around all that counts.
+    /// Columns and rows of a box around all that counts. Only there the rendering is made anew, so
+    /// that at its border the force takes one of two neighbours as it was when the chain began: the
+    /// same wherever the state is, as it has to be.
     face: [Range<usize>; 2],
 }
 
@@ -108,6 +108,13 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
         let scratch = carver.floats(7 * most + gradient_words(vertices, most))?;
         let subject = search.common.subject.clone();
         Some(Self { search, subject, photos, chart, counts, scratch })
+    }
+
+    /// Words of memory that it needs of a search.
+    pub(crate) fn words(search: &ModeSearch<'_, '_, OTHERS>) -> usize {
+        let Common { problem, layout, .. } = &search.common;
+        let pixels = search.evidence().map(|evidence| evidence.planes.weights.len());
+        held_words(problem.model.vertices(), layout.albedo_rank, pixels)
     }
 
     /// What pixels count, photo by photo.
@@ -152,21 +159,32 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
     }
 
     /// Factorises the mean of the Gauss–Newton matrices some steps from the mode, by so many pixels
-    /// each; `None` if it is singular, or there is too little memory.
+    /// each; `None` if it is singular or there is too little memory, and the factor's is then lost.
     pub(crate) fn factorise(
         &mut self,
         steps: &mut [f32],
         samples: usize,
         factor: &mut [f32],
     ) -> Option<()> {
-        let n = self.layout().len();
-        let engine = self.search.common.problem.engine.normal_equations;
         // The search's, out of the way of what follows.
         let passing = core::mem::take(&mut self.search.passing);
-        let (equations, _) = passing.split_at_mut_checked(system_words(n))?;
-        let mut system = System::new(n, engine, equations)?;
+        let made = self.factorise_in(passing, steps, samples, factor);
+        self.search.passing = passing;
+        made
+    }
+
+    fn factorise_in(
+        &mut self,
+        memory: &mut [f32],
+        steps: &mut [f32],
+        samples: usize,
+        factor: &mut [f32],
+    ) -> Option<()> {
+        let n = self.layout().len();
+        let engine = self.search.common.problem.engine.normal_equations;
+        let mut system = System::new(n, engine, memory.get_mut(..system_words(n))?)?;
         let mut count = 0;
-        for step in steps.chunks_exact_mut(n) {
+        for step in steps.chunks_exact_mut(n.max(1)) {
             let Some((albedo, _)) = self.go(step) else { continue };
             let ModeSearch { common, first, others, scratch, .. } = &mut self.search;
             let mut rest = &*self.counts;
@@ -188,9 +206,7 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
             count += 1;
         }
         // So little that it is lost but where nothing is known.
-        let rest = &mut self.search.step;
-        system.solve_damped(1e-6, |_| 1e-6, factor, rest)?;
-        self.search.passing = passing;
+        system.solve_damped(1e-6, |_| 1e-6, factor, self.search.step)?;
         let share = math::rsqrt(count as f32);
         for u in factor {
             *u *= share;

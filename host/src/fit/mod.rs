@@ -32,7 +32,7 @@ use std::collections::BTreeMap;
 #[cfg(feature = "full")]
 pub(crate) use {
     mode::{OTHERS, most_steps as most_mode_steps},
-    parallel::{Look, fits_of_mode},
+    parallel::find_mode_and,
 };
 
 /// Points of a likelihood trace.

@@ -6,7 +6,7 @@ use super::summary::Laplace;
 use super::{Fit, Job, Observed, Run, Running, Schedule};
 use crate::error::{Error, Result};
 use crate::simd;
-use onescan_core::chain::{Photo, Problem};
+use onescan_core::chain::Problem;
 use onescan_core::hash::Fnv64;
 use onescan_core::posterior;
 use onescan_core::search::unknowns::Parts;
@@ -115,25 +115,23 @@ impl Job<'_> {
 /// No jobs, or more than [`MAX_PHOTOS`](search::unknowns::MAX_PHOTOS); landmarks the model does not
 /// have, a crop that does not fit the photo or its mask, masks that hide the whole face.
 pub fn find_mode(jobs: &[Job<'_>], control: &Control<'_>) -> Result<Option<Vec<Fit>>> {
+    let found = find_mode_and(jobs, control, |_, _| Ok(Some(())))?;
+    Ok(found.map(|(fits, ())| fits))
+}
+
+/// The same, and what `then` makes of the search's problem and options.
+///
+/// # Errors
+/// Those of [`find_mode`] and of `then`.
+pub(crate) fn find_mode_and<T>(
+    jobs: &[Job<'_>],
+    control: &Control<'_>,
+    then: impl FnOnce(Problem<'_>, Options<'_>) -> Result<Option<T>>,
+) -> Result<Option<(Vec<Fit>, T)>> {
     let start = Instant::now();
     let looks = jobs.iter().map(Look::new).collect::<Result<Vec<_>>>()?;
     let problems: Vec<_> = jobs.iter().zip(&looks).map(|(job, look)| look.problem(job)).collect();
     let photos: Vec<_> = problems.iter().map(|problem| problem.photo).collect();
-    let found = fits_of_mode(jobs, &problems, &photos, start, control)?;
-    Ok(found.map(|(fits, ..)| fits))
-}
-
-/// What a search was for.
-type Searched<'a> = (Vec<Fit>, Problem<'a>, Options<'a>);
-
-/// The same of jobs whose photos have been looked at, with the problem and options of the search.
-pub(crate) fn fits_of_mode<'a>(
-    jobs: &[Job<'_>],
-    problems: &[Problem<'a>],
-    photos: &'a [Photo<'a>],
-    start: Instant,
-    control: &Control<'_>,
-) -> Result<Option<Searched<'a>>> {
     let (Some(&problem), Some((_, others))) = (problems.first(), photos.split_first()) else {
         return Err(Error::new("no photo to fit to"));
     };
@@ -170,7 +168,7 @@ pub(crate) fn fits_of_mode<'a>(
             }
         }
     }
-    Ok(Some((fits, problem, options)))
+    Ok(then(problem, options)?.map(|made| (fits, made)))
 }
 
 /// Standard deviations as the summary has them.
@@ -189,13 +187,13 @@ fn laplace(parts: &Parts<'_>) -> Laplace {
 }
 
 /// What a search looks at of a photo.
-pub(crate) struct Look<'a> {
+struct Look<'a> {
     observed: Observed<'a>,
     open: Option<Vec<u8>>,
 }
 
 impl<'a> Look<'a> {
-    pub(crate) fn new(job: &Job<'a>) -> Result<Self> {
+    fn new(job: &Job<'a>) -> Result<Self> {
         let open = job.mask.map(|mask| job.crop.cut(mask)).transpose()?.map(|mask| {
             let grey =
                 |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;
@@ -204,7 +202,7 @@ impl<'a> Look<'a> {
         Ok(Self { observed: Observed::new(job.photo, job.landmarks, &job.crop)?, open })
     }
 
-    pub(crate) fn problem<'l>(&'l self, job: &'l Job<'_>) -> Problem<'l> {
+    fn problem<'l>(&'l self, job: &'l Job<'_>) -> Problem<'l> {
         self.observed.problem(job.model, &job.config, simd::best()).with_open(self.open.as_deref())
     }
 }

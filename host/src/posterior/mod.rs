@@ -5,7 +5,7 @@ pub mod output;
 
 use crate::error::{Error, Result};
 use crate::fit::summary::{Marginal, PosteriorFound, hex};
-use crate::fit::{Control, Fit, Job, Look, fits_of_mode, most_mode_steps};
+use crate::fit::{Control, Fit, Job, OTHERS, find_mode_and, most_mode_steps};
 use diagnostics::{Diagnosis, quantile};
 use onescan_core::chain::Problem;
 use onescan_core::hash::Fnv64;
@@ -16,15 +16,12 @@ use output::Spread;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 use std::sync::atomic::Ordering;
-use std::time::Instant;
 
 /// Steps of a chain that adapt it and are thrown away.
 pub const WARM_UP: u32 = 60;
 /// R̂ below which, and sample sizes from which on, a parameter counts as mixed (Vehtari et al. 2021).
 const R_HAT: f64 = 1.01;
 const ESS: f64 = 400.0;
-/// Others' photos that a search of the host has room for.
-const OTHERS: usize = crate::fit::OTHERS;
 
 /// What is asked of a sampler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,14 +75,19 @@ pub fn sample(
     request: &Request,
     control: &Control<'_>,
 ) -> Result<Option<(Vec<Fit>, Samples)>> {
-    let start = Instant::now();
-    let looks = jobs.iter().map(Look::new).collect::<Result<Vec<_>>>()?;
-    let problems: Vec<_> = jobs.iter().zip(&looks).map(|(job, look)| look.problem(job)).collect();
-    let photos: Vec<_> = problems.iter().map(|problem| problem.photo).collect();
-    let Some((fits, problem, options)) = fits_of_mode(jobs, &problems, &photos, start, control)?
-    else {
-        return Ok(None);
-    };
+    find_mode_and(jobs, control, |problem, options| {
+        sample_around(jobs, problem, options, request, control)
+    })
+}
+
+/// The same around the mode of a search, once that has been found.
+fn sample_around(
+    jobs: &[Job<'_>],
+    problem: Problem<'_>,
+    options: Options<'_>,
+    request: &Request,
+    control: &Control<'_>,
+) -> Result<Option<Samples>> {
     let stopped = || control.stop.load(Ordering::Relaxed);
     let words = search::words(&problem, &options);
     let (mut memory, mut more) =
@@ -125,7 +127,7 @@ pub fn sample(
                     });
                 }
             }
-            let (steps, accepted, _) = chain.tally();
+            let (steps, accepted) = chain.tally();
             Ok((kept, steps, accepted, chain.fingerprint()))
         })
         .collect::<Result<Vec<_>>>()?;
@@ -141,7 +143,7 @@ pub fn sample(
         chains.push(kept);
     }
     let acceptance = f64::from(accepted) / f64::from(steps.max(1));
-    Ok(Some((fits, Samples { chains, acceptance, fingerprint: hash.finish() })))
+    Ok(Some(Samples { chains, acceptance, fingerprint: hash.finish() }))
 }
 
 /// The search at its end: it is made again, since its memory goes to what samples around it.
