@@ -29,6 +29,11 @@ pub(crate) const fn stride(n: usize) -> usize {
     if groups > 0 { groups } else { 1 }
 }
 
+/// Words of a row of `n` numbers.
+pub(crate) const fn row_words(n: usize) -> usize {
+    LANES * stride(n)
+}
+
 /// Numbers of a row side by side.
 pub type Group = [f32; LANES];
 

@@ -28,7 +28,7 @@
 //! byte per vertex: 255 times the prior probability that the surface is hidden there). Means and
 //! variances are f32, bases i16; fields and bases are laid out as [`crate::basis`] says.
 
-use crate::basis::{Basis, LANES, padded};
+use crate::basis::{Basis, LANES, field_len, padded};
 use crate::hash;
 use core::fmt;
 
@@ -311,6 +311,28 @@ impl<'a> Model<'a> {
             names,
             provenance: header.text(Section::Provenance)?,
             occlusion: header.optional(Section::Occlusion, vertices)?,
+        })
+    }
+
+    /// A mesh of so many vertices without landmarks and names, whose bases have as many and whose triangles
+    /// no others; `None` if a basis has not.
+    pub(crate) fn part(
+        vertices: usize,
+        shape: Basis<'a>,
+        albedo: Basis<'a>,
+        triangles: Triangles<'a>,
+    ) -> Option<Self> {
+        let fits = |basis: &Basis<'_>| basis.mean().len() == field_len(vertices);
+        (fits(&shape) && fits(&albedo)).then_some(Self {
+            vertices,
+            checksum: 0,
+            shape,
+            albedo,
+            triangles,
+            landmarks: &[],
+            names: "",
+            provenance: "",
+            occlusion: None,
         })
     }
 

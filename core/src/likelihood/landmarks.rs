@@ -31,12 +31,12 @@ fn row_len(rank: usize) -> usize {
     rank.saturating_add(1)
 }
 
-/// An observed landmark: model point, vertex, and observed minus model position.
-pub(crate) struct LandmarkSample {
+/// An observed landmark: model point, how it follows the coefficients, and observed minus model position.
+pub(crate) struct LandmarkSample<'l> {
     /// Model-frame position.
     pub(crate) point: [f32; 3],
-    /// The vertex.
-    pub(crate) vertex: usize,
+    /// Per component.
+    pub(crate) components: &'l [[f32; 3]],
     /// Window pixels.
     pub(crate) residual: [f32; 2],
 }
@@ -46,8 +46,8 @@ pub(crate) struct LandmarkSample {
 pub struct Landmarks<'w> {
     /// Per landmark: the mean, then each component.
     rows: &'w mut [[f32; 3]],
-    /// Vertex and observed position.
-    observed: heapless::Vec<(usize, [f32; 2]), MAX_LANDMARKS>,
+    /// Observed positions.
+    observed: heapless::Vec<[f32; 2], MAX_LANDMARKS>,
     rank: usize,
     sd: f32,
 }
@@ -70,7 +70,7 @@ impl<'w> Landmarks<'w> {
             if vertex >= model.vertices() {
                 return None;
             }
-            observed.push((vertex, position)).ok()?;
+            observed.push(position).ok()?;
             let (mean, components) = row.split_first_mut()?;
             *mean = model.shape.mean_at(vertex);
             model.shape.at(vertex, components);
@@ -119,7 +119,7 @@ impl<'w> Landmarks<'w> {
         points: &'s Points,
     ) -> impl Iterator<Item = (f64, bool)> + 's {
         let rotation = scene.view.pose.rotation();
-        points.iter().zip(&self.observed).map(move |(&p, (_, observed))| {
+        points.iter().zip(&self.observed).map(move |(&p, observed)| {
             let world = scene.view.pose.to_world_by(&rotation, p);
             let (u, v, d) = scene.view.camera.project(world);
             let (du, dv) = (f64::from(u - observed[0]), f64::from(v - observed[1]));
@@ -132,10 +132,12 @@ impl<'w> Landmarks<'w> {
         &self,
         view: &View,
         points: &Points,
-    ) -> impl Iterator<Item = LandmarkSample> {
-        points.iter().zip(&self.observed).map(|(&point, &(vertex, observed))| {
+    ) -> impl Iterator<Item = LandmarkSample<'_>> {
+        let rows = self.rows.chunks_exact(row_len(self.rank));
+        points.iter().zip(&self.observed).zip(rows).map(|((&point, observed), row)| {
             let (u, v, _) = view.camera.project(view.pose.to_world(point));
-            LandmarkSample { point, vertex, residual: [observed[0] - u, observed[1] - v] }
+            let components = row.get(1..).unwrap_or_default();
+            LandmarkSample { point, components, residual: [observed[0] - u, observed[1] - v] }
         })
     }
 }

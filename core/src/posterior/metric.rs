@@ -1,9 +1,9 @@
-//! The metric of the mode: the Gauss–Newton matrix there, factorised.
+//! A metric: the precision of a normal approximation to the posterior, factorised.
 //!
-//! `A = UᵀU` of all unknowns is the precision of the posterior's Gaussian approximation at its mode
-//! (Laplace's), by which proposals are shaped: `u = U⁻¹ z` of independent normal `z` is a draw of it.
+//! `A = UᵀU` of all unknowns shapes what is proposed: `u = U⁻¹ z` of independent normal `z` is a draw of the
+//! approximation.
 
-use crate::least_squares::{Group, stride};
+use crate::least_squares::{Group, row_words, stride};
 
 /// The upper triangular factor `U`, rows of groups of lanes.
 pub struct Metric<'m> {
@@ -15,11 +15,6 @@ impl<'m> Metric<'m> {
     /// A factor of `n` unknowns, as Cholesky's method leaves it; `None` if it is shorter.
     pub(crate) fn new(n: usize, factor: &'m mut [Group]) -> Option<Self> {
         Some(Self { n, factor: factor.get_mut(..n * stride(n))? })
-    }
-
-    /// The factor's memory, to be made anew.
-    pub(crate) fn factor(&mut self) -> &mut [f32] {
-        self.factor.as_flattened_mut()
     }
 
     fn row(&self, i: usize) -> &[f32] {
@@ -47,6 +42,28 @@ impl<'m> Metric<'m> {
             *x /= pivot;
             for (z, u) in rest.iter_mut().zip(row) {
                 *z -= *x * u;
+            }
+        }
+    }
+
+    /// Makes it `UᵀVᵀV U`, given the factor `V` of another.
+    pub(super) fn change(&mut self, change: &Metric<'_>) {
+        let (n, width) = (self.n, row_words(self.n));
+        let factor = self.factor.as_flattened_mut();
+        for i in 0..n {
+            let Some((pivot, others)) = change.row(i).split_first() else { return };
+            let Some((above, below)) = factor.split_at_mut_checked((i + 1) * width) else { return };
+            let row = above.get_mut(i * width..).unwrap_or_default();
+            for x in &mut *row {
+                *x *= pivot;
+            }
+            for (k, (other, below)) in others.iter().zip(below.chunks_exact(width)).enumerate() {
+                // What is left of the diagonal is not the factor's.
+                let from = i + 1 + k;
+                let below = below.get(from..n).unwrap_or_default();
+                for (x, b) in row.iter_mut().skip(from).zip(below) {
+                    *x += other * b;
+                }
             }
         }
     }

@@ -8,13 +8,14 @@
 //! `v = U u`, where `A = UᵀU` is a Gauss–Newton matrix ([`Metric`]), the posterior is about a standard
 //! normal, and trajectories ([`hamiltonian`]) go from one end of it to the other in a few turns.
 //!
-//! First a [`Pilot`] goes around: from where it has been come the matrix, which is the mean of what it
-//! met (at the mode alone the posterior seems longer than it is, since it is bent), and which pixels
-//! contours pass. Both are the [`Ground`] of all chains, and stay. Then chains ([`Sampler`]) adapt the
-//! angle of a turn in a warm-up, which is thrown away, and hold it.
+//! Chains begin with the Gauss–Newton matrix of the mode. In rounds of a warm-up, which is thrown away, each
+//! notes positions and forces that it meets ([`Sampler::places`]); those of all chains together tell a
+//! better metric ([`improve`]), which all of them adopt. How far they turn at once is adapted as well, and
+//! then both are held.
 
 pub mod hamiltonian;
 mod metric;
+mod precision;
 
 use crate::chain::{ChainError, Problem};
 use crate::hash::Fnv64;
@@ -25,32 +26,26 @@ use crate::metropolis::{self, Outcome};
 use crate::rng::Rng;
 use crate::scene::{Subject, View};
 use crate::search::unknowns::Layout;
-use crate::search::{Held, ModeSearch, Options, held_words};
+use crate::search::{Held, ModeSearch, Options, Part, held_words, surface_words};
+use core::f64::consts::FRAC_PI_2;
 use hamiltonian::{Density, Field, State, Trajectory};
 pub use metric::Metric;
+pub use precision::{improve, improve_words};
 
 /// The most unknowns there may be.
 pub const MAX_UNKNOWNS: usize = Layout::MOST.len();
-/// Pixels whose rows make the first metric.
-const METRIC_PIXELS: usize = 6000;
-/// The same of each state that the pilot notes.
-const NOTED_PIXELS: usize = 2000;
-/// Draws of the mode's normal approximation that tell the pilot where contours may run.
-const DRAWS: usize = 32;
-/// States of the pilot that make a metric.
-const NOTED: usize = 8;
-/// Steps from one of them to the next.
-const EVERY: u32 = 5;
-/// Metrics that the pilot makes, the last of which stays.
-const ROUNDS: u32 = 3;
 /// Acceptance that the angle is adapted to.
 const ACCEPTANCE: f64 = 0.75;
 /// Angles between which it is adapted, radians.
-const ANGLES: [f64; 2] = [0.1, 0.4];
+const ANGLES: [f64; 2] = [0.05, 1.0];
 /// The angle to begin with.
 const ANGLE: f64 = 0.2;
-/// How far trajectories go, radians: a quarter turn would forget the start.
-const WAY: f64 = 1.2;
+/// How far trajectories go, in quarter turns, one time out of two each: after an odd number of them the start
+/// and its distance are forgotten, were the metric right. The longer ones are for where the posterior is
+/// wider than that.
+const QUARTERS: [f64; 2] = [1.0, 3.0];
+/// By how many radians they are longer or shorter, so that no orbit closes.
+const SLACK: f64 = 0.35;
 
 /// A number per unknown.
 pub type Unknowns = heapless::Vec<f32, MAX_UNKNOWNS>;
@@ -61,45 +56,53 @@ fn layout(problem: &Problem<'_>, options: &Options<'_>) -> Layout {
     Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank, views }
 }
 
-/// Words of memory a [`Sampler`] of a problem needs besides its search's.
-pub fn words(problem: &Problem<'_>, options: &Options<'_>) -> usize {
+/// Words of memory a [`Sampler`] of a problem needs besides its search's, with room for so many places.
+pub fn words(problem: &Problem<'_>, options: &Options<'_>, places: usize) -> usize {
     let photos = core::iter::once(&problem.photo).chain(options.others);
-    let pixels = photos.map(|photo| photo.image.pixels.len());
-    let vertices = problem.model.vertices();
+    let sizes = photos.map(|photo| [photo.image.width, photo.image.height].map(|n| n as usize));
     let layout = layout(problem, options);
-    matrix_words(layout.len()) + held_words(vertices, layout.albedo_rank, pixels)
-}
-
-/// Words of memory a [`Pilot`] needs besides its search's.
-pub fn pilot_words(problem: &Problem<'_>, options: &Options<'_>) -> usize {
-    words(problem, options) + NOTED * layout(problem, options).len()
+    let (vertices, triangles) = (problem.model.vertices(), problem.model.triangles.len());
+    matrix_words(layout.len())
+        + held_words(vertices, layout, sizes)
+        + surface_words(vertices, triangles)
+        + 2 * layout.len() * places
 }
 
 /// A density around a mode.
 struct Around<'a, 'w, const OTHERS: usize> {
     held: Held<'a, 'w, OTHERS>,
     metric: Metric<'w>,
+    /// Places: position and force, one after the other.
+    places: &'w mut [f32],
+    /// Numbers of these that have been noted.
+    noted: usize,
 }
 
 impl<'a, 'w, const OTHERS: usize> Around<'a, 'w, OTHERS> {
-    /// Holds what a search has found; the metric is still to be made. Beside that it takes room for
-    /// `notes` numbers per unknown.
+    /// Around what a search has found, in its metric, looking at a part of the model if there is one, with
+    /// room for so many places.
     fn new(
         search: ModeSearch<'a, 'w, OTHERS>,
-        notes: usize,
+        part: Option<&'a Part<'a>>,
+        places: usize,
         memory: &'w mut [u32],
-    ) -> Result<(Self, &'w mut [f32]), ChainError> {
+    ) -> Result<Self, ChainError> {
         let n = search.layout().len();
         if n > MAX_UNKNOWNS {
             return Err(ChainError::Photos { found: 1 + OTHERS });
         }
-        let needed = matrix_words(n) + Held::words(&search) + notes * n;
+        let needed = matrix_words(n) + Held::words(&search) + 2 * n * places;
         let error = ChainError::Memory { needed, found: memory.len() };
         let mut carver = Carver::new(memory);
         let factor = carver.floats(matrix_words(n)).ok_or(error)?;
+        let mut held = Held::new(search, &mut carver).ok_or(error)?;
+        held.factorise(factor).ok_or(ChainError::Config)?;
         let metric = Metric::new(n, factor.as_chunks_mut().0).ok_or(error)?;
-        let held = Held::new(search, &mut carver).ok_or(error)?;
-        Ok((Self { held, metric }, carver.floats(notes * n).ok_or(error)?))
+        if let Some(part) = part {
+            held.look_at(part, &mut carver).ok_or(error)?;
+        }
+        let places = carver.floats(2 * n * places).ok_or(error)?;
+        Ok(Self { held, metric, places, noted: 0 })
     }
 
     fn unknowns(&self) -> usize {
@@ -121,9 +124,15 @@ impl<'a, 'w, const OTHERS: usize> Around<'a, 'w, OTHERS> {
         (0..layout.views).map(move |view| layout.pose(view).start)
     }
 
-    /// Makes the metric of what is met some steps from the mode; whether that can be done.
-    fn make_metric(&mut self, steps: &mut [f32], pixels: usize) -> bool {
-        self.held.factorise(steps, pixels, self.metric.factor()).is_some()
+    /// Notes a place, if there is room.
+    fn note(&mut self, position: &[f32], force: &[f32]) {
+        let room = self.places.get_mut(self.noted..).unwrap_or_default();
+        if room.len() >= position.len() + force.len() {
+            for (to, x) in room.iter_mut().zip(position.iter().chain(force)) {
+                *to = *x;
+            }
+            self.noted += position.len() + force.len();
+        }
     }
 }
 
@@ -147,6 +156,7 @@ impl<const OTHERS: usize> Field for Around<'_, '_, OTHERS> {
                 (*fx - (y * *fz - z * *fy), *fy - (z * *fx - x * *fz), *fz - (x * *fy - y * *fx));
         }
         self.metric.solve_transposed(force);
+        self.note(position, force);
         Some(energy - haar)
     }
 }
@@ -196,9 +206,10 @@ impl<'a, 'w, const OTHERS: usize> Walk<'a, 'w, OTHERS> {
 
     /// Makes a step by turns of about such an angle.
     fn step(&mut self, ln_angle: f64) -> Outcome {
-        // Never twice the same, so that no orbit closes.
         let angle = math::exp(ln_angle) * (0.8 + 0.4 * self.rng.uniform());
-        let turns = (WAY / angle + 0.5) as u32;
+        let quarters = QUARTERS[usize::from(self.rng.uniform() < 0.5)];
+        let way = quarters * FRAC_PI_2 + SLACK * (2.0 * self.rng.uniform() - 1.0);
+        let turns = (way / angle + 0.5) as u32;
         let mut moves = Trajectory { angle, turns };
         let mut density = [-self.state.energy];
         let Self { target, state, rng, .. } = self;
@@ -234,14 +245,11 @@ pub fn laplace<'w, const OTHERS: usize>(
     search: ModeSearch<'_, 'w, OTHERS>,
     memory: &'w mut [u32],
 ) -> Result<Unknowns, ChainError> {
-    let (mut around, _) = Around::new(search, 0, memory)?;
+    let around = Around::new(search, None, 0, memory)?;
     let mut step = Unknowns::new();
     // There is room for all.
     let _ = step.resize(around.unknowns(), 0.0);
     let mut deviations = step.clone();
-    if !around.make_metric(&mut step, NOTED_PIXELS) {
-        return Err(ChainError::Config);
-    }
     around.metric.variances(&mut step, &mut deviations);
     for x in &mut deviations {
         *x = math::sqrt(*x);
@@ -249,158 +257,81 @@ pub fn laplace<'w, const OTHERS: usize>(
     Ok(deviations)
 }
 
-/// What all chains stand on: what pixels count, and the metric.
-#[derive(Clone, Copy, Debug)]
-pub struct Ground<'g> {
-    counts: &'g [f32],
-    factor: &'g [f32],
-}
-
-/// Goes around a mode before chains do. It is the same for all of them, whatever their seeds.
-pub struct Pilot<'a, 'w, const OTHERS: usize = 0> {
-    walk: Walk<'a, 'w, OTHERS>,
-    steps: u32,
-    noted: &'w mut [f32],
-}
-
-impl<'a, 'w, const OTHERS: usize> Pilot<'a, 'w, OTHERS> {
-    /// Steps of all pilots.
-    pub const STEPS: u32 = ROUNDS * NOTED as u32 * EVERY;
-
-    /// Around the mode that a search has found, in [`pilot_words`] of memory.
-    ///
-    /// # Errors
-    /// [`ChainError::Memory`] if the memory is shorter; [`ChainError::Config`] of a mode that
-    /// nothing is seen of, or whose metric is singular.
-    pub fn new(
-        search: ModeSearch<'a, 'w, OTHERS>,
-        memory: &'w mut [u32],
-    ) -> Result<Self, ChainError> {
-        let (mut around, noted) = Around::new(search, NOTED, memory)?;
-        let mut step = Unknowns::new();
-        // There is room for all.
-        let _ = step.resize(around.unknowns(), 0.0);
-        let mut mode = step.clone();
-        let mut rng = Rng::new(0, 0);
-        let made = |made: bool| made.then_some(()).ok_or(ChainError::Config);
-        made(around.make_metric(&mut mode, METRIC_PIXELS))?;
-        around.held.leave_contours_out(&mut mode);
-        for _ in 0..DRAWS {
-            for z in &mut step {
-                *z = rng.normal() as f32;
-            }
-            around.metric.solve(&mut step);
-            around.held.leave_contours_out(&mut step);
-        }
-        around.held.settle();
-        made(around.make_metric(&mut mode, METRIC_PIXELS))?;
-        Ok(Self { walk: Walk::new(around, rng)?, steps: 0, noted })
-    }
-
-    /// Makes one step; `false` when there are no more.
-    pub fn step(&mut self) -> bool {
-        if self.steps >= Self::STEPS {
-            return false;
-        }
-        self.walk.step_and_adapt();
-        self.steps += 1;
-        if self.steps.is_multiple_of(EVERY) {
-            self.note((self.steps / EVERY - 1) as usize % NOTED);
-        }
-        true
-    }
-
-    /// Notes the state; when that is the last of a round, makes contours and metric anew.
-    fn note(&mut self, number: usize) {
-        let Self { walk, noted, .. } = self;
-        let mut step = walk.unknowns();
-        let n = step.len();
-        if let Some(to) = noted.get_mut(number * n..(number + 1) * n) {
-            to.copy_from_slice(&step);
-        }
-        if number + 1 < NOTED {
-            return;
-        }
-        let Walk { target: Density(around), state, .. } = walk;
-        for step in noted.chunks_exact_mut(n.max(1)) {
-            around.held.leave_contours_out(step);
-        }
-        around.held.settle();
-        if !around.make_metric(noted, NOTED_PIXELS) {
-            // Then the mode's, which could be made.
-            let mut mode = step.clone();
-            mode.fill(0.0);
-            around.make_metric(&mut mode, METRIC_PIXELS);
-        }
-        around.metric.multiply(&mut step);
-        state.position = step;
-        state.look(around);
-        walk.adapted = 0;
-        walk.ln_angle = [math::ln(ANGLE); 2];
-    }
-
-    /// What it found, once there are no more steps.
-    pub fn ground(&mut self) -> Ground<'_> {
-        let Around { held, metric } = &mut self.walk.target.0;
-        Ground { counts: held.counts(), factor: metric.factor() }
-    }
-}
-
 /// A running chain.
 pub struct Sampler<'a, 'w, const OTHERS: usize = 0> {
     walk: Walk<'a, 'w, OTHERS>,
     steps: u32,
-    warm_up: u32,
     accepted: u32,
     fingerprint: Fnv64,
 }
 
 impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
-    /// Number `stream` of a seed, around the mode that a search has found, on the ground that a pilot
-    /// of the same search has made; it begins at a draw of a normal distribution with its metric.
-    /// `memory` is [`words`] long. The first `warm_up` steps adapt it.
+    /// Number `stream` of a seed, around the mode that a search has found, looking at the [`Part`] of the
+    /// model that has been made of the same search, with room for so many places; it begins at a draw of a
+    /// normal distribution with the mode's metric. `memory` is [`words`] long.
     ///
     /// # Errors
-    /// [`ChainError::Memory`] if the memory is shorter; [`ChainError::Config`] of a mode that
-    /// nothing is seen of, or another search's ground.
+    /// [`ChainError::Memory`] if the memory is shorter, or the part another's; [`ChainError::Config`] of a mode that
+    /// nothing is seen of.
     pub fn new(
         search: ModeSearch<'a, 'w, OTHERS>,
-        ground: &Ground<'_>,
-        warm_up: u32,
+        part: &'a Part<'a>,
+        places: usize,
         seed: u64,
         stream: u32,
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
-        let (mut around, _) = Around::new(search, 0, memory)?;
-        let factor = around.metric.factor();
-        if factor.len() != ground.factor.len() || !around.held.count(ground.counts) {
-            return Err(ChainError::Config);
-        }
-        around.metric.factor().copy_from_slice(ground.factor);
-        // The pilot has stream 0 of seed 0.
-        let walk = Walk::new(around, Rng::new(seed, stream + 1))?;
-        let fingerprint = Fnv64::default();
-        Ok(Self { walk, steps: 0, warm_up, accepted: 0, fingerprint })
+        let around = Around::new(search, Some(part), places, memory)?;
+        let walk = Walk::new(around, Rng::new(seed, stream))?;
+        Ok(Self { walk, steps: 0, accepted: 0, fingerprint: Fnv64::default() })
+    }
+
+    /// Number of unknowns.
+    pub fn unknowns(&self) -> usize {
+        self.walk.target.0.unknowns()
+    }
+
+    /// Makes a step of the warm-up, which adapts how far the chain turns at once.
+    pub fn warm_up(&mut self) -> Outcome {
+        self.walk.step_and_adapt()
+    }
+
+    /// Places that the warm-up met since it was asked last, as far as there was room: position and force of
+    /// as many numbers as there are unknowns, one after the other.
+    pub fn places(&mut self) -> &[f32] {
+        let Around { places, noted, .. } = &mut self.walk.target.0;
+        places.get(..core::mem::take(noted)).unwrap_or_default()
+    }
+
+    /// Changes to other coordinates, which [`improve`] has found, and adapts anew.
+    pub fn adopt(&mut self, change: &Metric<'_>) {
+        let Walk { target: Density(around), state, .. } = &mut self.walk;
+        around.metric.change(change);
+        change.multiply(&mut state.position);
+        change.solve_transposed(&mut state.force);
+        self.walk.adapted = 0;
+        self.walk.ln_angle = [math::ln(ANGLE); 2];
+    }
+
+    /// How far it turns at once, radians, by what has been adapted.
+    pub fn angle(&self) -> f64 {
+        math::exp(self.walk.ln_angle[1])
+    }
+
+    /// Has it turn about so far.
+    pub fn turn_by(&mut self, angle: f64) {
+        self.walk.ln_angle = [math::ln(angle.clamp(ANGLES[0], ANGLES[1])); 2];
     }
 
     /// Makes one step.
     pub fn step(&mut self) -> Outcome {
-        let outcome = if self.warm() {
-            self.walk.step(self.walk.ln_angle[1])
-        } else {
-            self.walk.step_and_adapt()
-        };
+        let outcome = self.walk.step(self.walk.ln_angle[1]);
         self.steps += 1;
         if outcome == Outcome::Accepted {
             self.accepted += 1;
             self.fingerprint.write_f32(&self.walk.state.position);
         }
         outcome
-    }
-
-    /// Whether the warm-up is over.
-    pub fn warm(&self) -> bool {
-        self.steps >= self.warm_up
     }
 
     /// The subject of the state.
@@ -418,12 +349,12 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         -self.walk.state.energy
     }
 
-    /// Steps, and accepted ones.
+    /// Steps since the warm-up, and accepted ones.
     pub fn tally(&self) -> (u32, u32) {
         (self.steps, self.accepted)
     }
 
-    /// Hash of every accepted state.
+    /// Hash of every accepted state since the warm-up.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint.finish()
     }

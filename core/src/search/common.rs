@@ -128,8 +128,6 @@ impl<'a> Common<'a, '_> {
 
 /// What rows of the matrix are made with.
 pub(super) struct Scratch<'w> {
-    /// A vertex's components of the shape.
-    pub(super) components: &'w mut [[f32; 3]],
     /// Shape and albedo by vertex, unless memory is scarce.
     pub(super) by_vertex: [Option<ByVertex<'w>>; 2],
     /// Of a pixel's three channels.

@@ -2,6 +2,7 @@
 
 use super::common::{Common, Scratch};
 use super::evidence::Evidence;
+use super::image_term::{SHADE, SHADE_SHARE};
 use super::shading::{Adjoint, Shading};
 use super::surface::at;
 use super::unknowns::POSE;
@@ -9,6 +10,7 @@ use super::vector::{Vec3, add, apply, cross, scale, xyz};
 use super::window::Window;
 use crate::basis::Costs;
 use crate::least_squares::System;
+use crate::math;
 use core::array::from_fn;
 
 /// Of successive iterations' first pixels: by this share of the way to the next, no two are alike
@@ -17,15 +19,129 @@ const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Vertices whose positions a pixel's colour may depend on.
 const MAX_AROUND: usize = 40;
 
+/// Columns and rows of what a pixel's shade is told by, pixels; less than its Gaussian is wide.
+const APART: usize = 4;
+/// How many of them a pixel reaches, along both axes: three standard deviations.
+const REACHED: usize = 7;
+
+/// Words of memory that [`Shades`] need.
+pub(super) const fn shades_words(n: usize, width: usize) -> usize {
+    REACHED * (width / APART + 2) * n
+}
+
+/// What shade takes from the Gauss–Newton matrix: `Σ_pq r_p G'_pq r_qᵀ`, of rows `r` of mean differences.
+///
+/// A Gaussian `G'` is the sum, over the points `c` of a lattice, of products of two that are narrower by
+/// `√2`: so it is `Σ_c z_c z_cᵀ`, up to a factor, with `z_c = Σ_p g(p − c) r_p`. Rows of `c` are kept as
+/// long as pixels reach them.
+pub(super) struct Shades<'m> {
+    n: usize,
+    columns: usize,
+    sums: &'m mut [f32],
+    /// The first row that is kept.
+    first: usize,
+}
+
+impl<'m> Shades<'m> {
+    /// None yet, of so many unknowns; `None` if there is too little memory.
+    pub(super) fn new(n: usize, width: usize, memory: &'m mut [f32]) -> Option<Self> {
+        let sums = memory.get_mut(..shades_words(n, width))?;
+        sums.fill(0.0);
+        Some(Self { n, columns: width / APART + 2, sums, first: 0 })
+    }
+
+    /// The factor.
+    fn share() -> f32 {
+        let k = APART as f32 / SHADE;
+        k * k * (2.0 / core::f32::consts::PI)
+    }
+
+    /// Adds a pixel's row. Pixels come row by row, and those that earlier ones reach alone are added to the
+    /// system, so many times.
+    fn add(&mut self, [x, y]: [usize; 2], times: f32, row: &[f32], out: (f32, &mut System<'_>)) {
+        let tap = |pixel: usize, centre: usize| {
+            let off = pixel as f32 - (centre * APART) as f32;
+            math::exp_f32(-off * off / (SHADE * SHADE))
+        };
+        let around = |pixel: usize| {
+            let nearest = (pixel + APART / 2) / APART;
+            nearest.saturating_sub(REACHED / 2)..nearest + REACHED / 2 + 1
+        };
+        let (across, down) = (around(x), around(y));
+        self.leave(down.start, out);
+        for j in down {
+            for i in across.start..across.end.min(self.columns) {
+                let k = times * tap(y, j) * tap(x, i);
+                let at = (j % REACHED * self.columns + i) * self.n;
+                let sum = self.sums.get_mut(at..at + self.n).unwrap_or_default();
+                for (sum, r) in sum.iter_mut().zip(row) {
+                    *sum += k * r;
+                }
+            }
+        }
+    }
+
+    /// Adds the rows before row `first` to the system, so many times.
+    fn leave(&mut self, first: usize, (times, system): (f32, &mut System<'_>)) {
+        let all = first.min(self.first + REACHED);
+        for j in self.first..all {
+            let at = j % REACHED * self.columns * self.n;
+            let sums = self.sums.get_mut(at..at + self.columns * self.n).unwrap_or_default();
+            for sum in sums.chunks_exact_mut(self.n.max(1)) {
+                if sum.iter().any(|x| *x != 0.0) {
+                    system.add_row(sum, times * Self::share(), 0.0);
+                    sum.fill(0.0);
+                }
+            }
+        }
+        self.first = self.first.max(first);
+    }
+}
+
 impl Evidence<'_, '_> {
-    /// Adds the Gauss–Newton matrix of evenly drawn pixels, whose rows `pull` may change.
+    /// Adds the Gauss–Newton matrix of pixels with what they count, in all and towards shade, so many
+    /// times. `pull` may change their rows.
+    pub(super) fn add_whole(
+        &self,
+        common: &Common<'_, '_>,
+        (pixels, times): (impl Iterator<Item = ([usize; 2], f32, f32)>, f32),
+        mut pull: impl FnMut(&mut [f32]),
+        scratch: &mut Scratch<'_>,
+        mut shades: Shades<'_>,
+        system: &mut System<'_>,
+    ) {
+        let n = common.layout.len();
+        let weight = times * common.pixel_weight();
+        let shade = -3.0 * SHADE_SHARE * weight;
+        let looking = (Shading::new(&self.view), Window::new(&self.view));
+        for row in &mut scratch.rows {
+            // Of another view's unknowns.
+            row.fill(0.0);
+        }
+        for (pixel, a, towards_shade) in pixels {
+            if self.fill_rows(common, &looking, pixel, scratch).is_none() {
+                continue;
+            }
+            let [r, g, b] = scratch.rows.each_mut().map(|row| row.get_mut(..n).unwrap_or_default());
+            for row in [&mut *r, &mut *g, &mut *b] {
+                pull(row);
+                system.add_row(row, weight * a, 0.0);
+            }
+            for ((mean, g), b) in r.iter_mut().zip(&*g).zip(&*b) {
+                *mean = (1.0 / 3.0) * (*mean + g + b);
+            }
+            shades.add(pixel, towards_shade, r, (shade, &mut *system));
+        }
+        shades.leave(usize::MAX, (shade, system));
+    }
+
+    /// Adds the Gauss–Newton matrix of evenly drawn pixels.
     #[inline(never)]
     pub(super) fn add_curvature(
         &self,
         common: &Common<'_, '_>,
         samples: usize,
         iteration: u32,
-        mut pull: impl FnMut(&mut [f32]),
         scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
@@ -57,9 +173,8 @@ impl Evidence<'_, '_> {
                 if self.fill_rows(common, &looking, [x, y], scratch).is_none() {
                     continue;
                 }
-                for row in &mut scratch.rows {
-                    let row = row.get_mut(..common.layout.len()).unwrap_or_default();
-                    pull(row);
+                for row in &scratch.rows {
+                    let row = row.get(..common.layout.len()).unwrap_or_default();
                     system.add_row(row, weight * pixel, 0.0);
                 }
             }

@@ -167,6 +167,11 @@ impl<'a, 'w> Evidence<'a, 'w> {
         math::sqrt_f64(sum / f64::max(seen, f64::MIN_POSITIVE))
     }
 
+    /// Columns and rows of the photo.
+    pub(super) fn size(&self) -> [usize; 2] {
+        [self.width(), self.photo.image.height as usize]
+    }
+
     /// Pixels of a row.
     pub(super) fn width(&self) -> usize {
         self.photo.image.width as usize
@@ -195,12 +200,7 @@ impl<'a, 'w> Evidence<'a, 'w> {
     /// Pose and camera by the landmarks, the subject being the mean: upright, unless begun on a side
     /// or upside down they explain the landmarks better.
     #[inline(never)]
-    pub(super) fn find_pose(
-        &mut self,
-        common: &mut Common<'_, '_>,
-        scratch: &mut Scratch<'_>,
-        passing: &mut [f32],
-    ) {
+    pub(super) fn find_pose(&mut self, common: &mut Common<'_, '_>, passing: &mut [f32]) {
         // Nothing here pulls on light and colour.
         let sought = core::mem::replace(
             &mut common.layout,
@@ -209,7 +209,7 @@ impl<'a, 'w> Evidence<'a, 'w> {
         let number = core::mem::take(&mut self.number);
         let mut best: Option<(f64, View)> = None;
         for roll in WAYS_UP {
-            let (energy, view) = self.find_pose_from(common, roll, scratch, passing);
+            let (energy, view) = self.find_pose_from(common, roll, passing);
             if best.as_ref().is_none_or(|(least, _)| energy < least - 1.0) {
                 best = Some((energy, view));
             }
@@ -225,7 +225,6 @@ impl<'a, 'w> Evidence<'a, 'w> {
         &mut self,
         common: &Common<'_, '_>,
         roll: f32,
-        scratch: &mut Scratch<'_>,
         passing: &mut [f32],
     ) -> (f64, View) {
         let image = self.photo.image;
@@ -237,7 +236,7 @@ impl<'a, 'w> Evidence<'a, 'w> {
         let mut damping = 1e-3;
         for _ in 0..POSE_ITERATIONS {
             let before = energy(self);
-            if self.find_pose_step(common, damping, scratch, passing).is_none() {
+            if self.find_pose_step(common, damping, passing).is_none() {
                 self.before = self.view;
             }
             if energy(self) < before {
@@ -255,14 +254,13 @@ impl<'a, 'w> Evidence<'a, 'w> {
         &mut self,
         common: &Common<'_, '_>,
         lambda: f32,
-        scratch: &mut Scratch<'_>,
         passing: &mut [f32],
     ) -> Option<()> {
         let (equations, matrix) = passing.split_at_mut_checked(system_words(VIEW))?;
         let mut step = [0.0; VIEW];
         let engine = common.problem.engine;
         let mut system = System::new(VIEW, engine.normal_equations, equations)?;
-        self.add_landmarks_and_priors(common, scratch.components, &mut system);
+        self.add_landmarks_and_priors(common, &mut system);
         system.solve_damped(lambda, damping, matrix, &mut step)?;
         self.advance(common.layout, &mut step);
         Some(())
@@ -313,19 +311,18 @@ impl<'a, 'w> Evidence<'a, 'w> {
         scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
-        self.add_curvature(common, samples, iteration, |_| {}, scratch, system);
-        self.add_landmarks_and_priors(common, scratch.components, system);
+        self.add_curvature(common, samples, iteration, scratch, system);
+        self.add_landmarks_and_priors(common, system);
     }
 
     /// Adds what landmarks and the view's priors say.
     pub(super) fn add_landmarks_and_priors(
         &self,
         common: &Common<'_, '_>,
-        components: &mut [[f32; 3]],
         system: &mut impl Equations,
     ) {
         let (view, number) = (&self.view, self.number);
-        landmarks::add_equations(common, &self.landmarks, view, number, components, system);
+        landmarks::add_equations(common, &self.landmarks, view, number, system);
         common.priors().add_of_view(view, number, common.layout, system);
     }
 }

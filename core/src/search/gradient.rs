@@ -109,18 +109,22 @@ impl Evidence<'_, '_> {
         let mut planes = memory.chunks_exact_mut(pixels.max(1));
         let mut plane = || planes.next().unwrap_or_default();
         self.find_taken(common, [taken, plane(), plane(), plane(), plane()]);
-        self.add_gradient_of(common, memory, gradient, |[x, y], hit| {
+        let (columns, rows) = (self.frame.columns(), self.frame.rows());
+        let all = rows.flat_map(|y| columns.clone().map(move |x| [x, y]));
+        let pixels = all.filter_map(|[x, y]| {
+            let hit = self.frame.hit(x, y)?;
             let index = y * width + x;
             let weight = at(self.planes.weights, index);
             if weight < 1e-3 {
                 return None;
             }
-            let (corners, point) = common.point(&shading, hit)?;
+            let (corners, point) = common.point(&shading, &hit)?;
             let cost = self.cost(index, at(taken, index)).map(|cost| unit * cost);
             let adjoint = shading.adjoint(&point, cost);
             let by_place = self.differences(x, y).map(|d| -dot(cost, d));
             Some(Pixel { corners, weights: point.weights, adjoint, by_place })
         });
+        self.add_gradient_of(common, memory, gradient, pixels);
     }
 
     /// A pixel's weighted difference, minus what shade takes off it.
@@ -130,43 +134,38 @@ impl Evidence<'_, '_> {
         self.difference(index).map(|d| weight * d - taken)
     }
 
-    /// Adds what pixels cost, of which `of` tells.
+    /// Adds what pixels cost.
     #[inline(always)]
     pub(super) fn add_gradient_of(
         &self,
         common: &Common<'_, '_>,
         memory: &mut [f32],
         gradient: &mut [f32],
-        of: impl Fn([usize; 2], &Hit) -> Option<Pixel>,
+        pixels: impl Iterator<Item = Pixel>,
     ) {
         let Common { problem, surface, layout, .. } = common;
         let (model, engine) = (problem.model, problem.engine);
         let Some(costs) = Costs::new(model.vertices(), memory) else { return };
         let mut light = [[0.0_f64; 3]; 9];
         let mut color = [0.0_f64; COLOR];
-        for y in self.frame.rows() {
-            for x in self.frame.columns() {
-                let Some(hit) = self.frame.hit(x, y) else { continue };
-                let Some(pixel) = of([x, y], &hit) else { continue };
-                let Pixel { corners, weights, adjoint, by_place } = pixel;
-                for (vertex, w) in corners.into_iter().zip(weights) {
-                    let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {
-                        if let Some(to) = to {
-                            *to = [to[0] + w * x, to[1] + w * y, to[2] + w * z, 0.0];
-                        }
-                    };
-                    put(costs.normals.get_mut(vertex), adjoint.normal);
-                    put(costs.albedo.get_mut(vertex), adjoint.albedo);
-                    put(costs.positions.get_mut(vertex), [by_place[0], by_place[1], 0.0]);
-                }
-                for (sum, y) in light.iter_mut().zip(adjoint.harmonics) {
-                    for (sum, r) in sum.iter_mut().zip(adjoint.radiance) {
-                        *sum += f64::from(y * r);
+        for Pixel { corners, weights, adjoint, by_place } in pixels {
+            for (vertex, w) in corners.into_iter().zip(weights) {
+                let put = |to: Option<&mut [f32; 4]>, [x, y, z]: Vec3| {
+                    if let Some(to) = to {
+                        *to = [to[0] + w * x, to[1] + w * y, to[2] + w * z, 0.0];
                     }
+                };
+                put(costs.normals.get_mut(vertex), adjoint.normal);
+                put(costs.albedo.get_mut(vertex), adjoint.albedo);
+                put(costs.positions.get_mut(vertex), [by_place[0], by_place[1], 0.0]);
+            }
+            for (sum, y) in light.iter_mut().zip(adjoint.harmonics) {
+                for (sum, r) in sum.iter_mut().zip(adjoint.radiance) {
+                    *sum += f64::from(y * r);
                 }
-                for (sum, c) in color.iter_mut().zip(adjoint.color) {
-                    *sum += f64::from(c);
-                }
+            }
+            for (sum, c) in color.iter_mut().zip(adjoint.color) {
+                *sum += f64::from(c);
             }
         }
         let mut pose = [0.0_f64; POSE];

@@ -1,54 +1,90 @@
-//! The posterior around a mode, with what pixels count held as the mode has it.
+//! The posterior around a mode, with what the photo shows held as the mode has it.
 //!
-//! `E = priors + landmarks − W/Σa · 1/patch · Σ_p a_p ℓ_p`
+//! At the mode every third pixel of every third row shows some point of the surface: in a triangle, at
+//! some weights of its corners. These points are held, and followed wherever the surface goes:
 //!
-//! over the covered pixels. `a_p` is what a pixel counts at the mode, its mask included
-//! (`image_term.rs`), and stays: a mask that followed the state would make it no sampler. `W` is `Σa` of
-//! all pixels: to cover less is no gain. `ℓ_p` is the log ratio of face and background, bounded, with
-//! shade, but of the difference of photo and rendering as a lens shows it that blurs by [`LENS`] pixels:
-//! `d = G(a·(photo − rendering))/Ga`. Where triangles are smaller than pixels a rendering is made of
-//! lucky hits, and without the lens its differences jump as the surface moves.
+//! `E = priors + landmarks − W/Σa · 1/patch · Σ_p a_p ℓ_p`,
 //!
-//! Pixels near a contour of the surface, where one part hides another or it ends, have `a_p = 0`,
-//! wherever [`Held::leave_contours_out`] has looked for contours. So `E` is smooth there, and
-//! [`Held::force`] its slope, in the coordinates of `chart.rs`; but for how colours follow the motion of
-//! the surface, which is by differences of the rendering (`gradient.rs`).
+//! where `ℓ_p` is the log ratio of face and background, bounded, with shade (`image_term.rs`), of the
+//! difference between what the point looks like and the photo at the place where it now is. `a_p` is what
+//! the pixel counts at the mode, its mask included, and stays: a mask that followed the state would make
+//! it no sampler. `W` is `Σa` of all pixels, for which those that are looked at stand. Pixels near a
+//! contour of the surface, where one part hides another or it ends, have none.
+//!
+//! The photo is seen through a lens that blurs by [`LENS`] pixels, and interpolated by cubic B-splines. So `E` is
+//! smooth, and [`Held::force`] its slope, in the coordinates of `chart.rs`. (With pixels that are held
+//! while the surface moves under them it is not: where triangles are smaller than pixels colours jump,
+//! and contours come by.)
 
 use super::chart::{Chart, Origin, chart_words};
 use super::common::Common;
+use super::curvature::{Shades, shades_words};
 use super::evidence::Evidence;
 use super::gradient::{Pixel, gradient_words};
 use super::image_term::{LogRatio, SHADE, SHADE_SHARE, bounded, mean, set, shade_most};
+use super::part::Part;
 use super::picture;
 use super::shading::Shading;
 use super::state::ModeSearch;
-use super::surface::at;
+use super::surface::{Surface, at};
 use super::unknowns::{Layout, MAX_PHOTOS};
 use super::vector::{Vec3, dot, sub};
+use super::window::Window;
 use crate::least_squares::{Slope, System, system_words};
 use crate::math;
 use crate::memory::Carver;
+use crate::render::rasterize::Hit;
 use crate::scene::{Subject, View};
 use core::ops::Range;
 
 /// Standard deviation of the lens's blur, pixels.
-const LENS: f32 = 1.0;
+const LENS: f32 = 2.0;
 /// How near a contour is, pixels.
-const NEAR: f32 = 1.25;
+const NEAR: f32 = 2.0;
 /// What a pixel counts at least, or it does not.
 const HARDLY: f32 = 0.01;
-/// Part of what counts that a scene must cover.
-const COVERED: f64 = 0.5;
+/// Pixels from one that is looked at to the next, along both axes.
+const APART: usize = 3;
+/// Planes that a force needs of a photo.
+const PLANES: usize = 13;
 
-/// Words of memory a [`Held`] needs besides its search's, of photos of so many pixels: of every pixel
-/// what it counts and two planes that follow from it; seven planes, and what a gradient needs.
+/// Pixels that are looked at, of a photo with so many columns and rows.
+const fn looked_at([width, height]: [usize; 2]) -> usize {
+    width.div_ceil(APART) * height.div_ceil(APART)
+}
+
+/// Words for what is needed in passing, of a photo of that size.
+fn passing_words(vertices: usize, layout: Layout, size: [usize; 2]) -> usize {
+    let [width, height] = size;
+    let force = PLANES * looked_at(size) + gradient_words(vertices, 0);
+    force.max(width * height).max(shades_words(layout.len(), width))
+}
+
+/// Words of memory a [`Held`] needs besides its search's, of photos of so many columns and rows: of every
+/// pixel that is looked at three numbers and what a force needs, and of every pixel one to blur it.
 pub(crate) fn held_words(
     vertices: usize,
-    albedo_rank: usize,
-    photos: impl Iterator<Item = usize>,
+    layout: Layout,
+    photos: impl Iterator<Item = [usize; 2]>,
 ) -> usize {
-    let (sum, most) = photos.fold((0, 0), |(sum, most), pixels| (sum + pixels, pixels.max(most)));
-    chart_words(albedo_rank) + 3 * sum + 7 * most + gradient_words(vertices, most)
+    let (mut own, mut passing) = (0, 0);
+    for size in photos {
+        own += 4 * looked_at(size);
+        passing = passing.max(passing_words(vertices, layout, size));
+    }
+    chart_words(layout.albedo_rank) + own + passing
+}
+
+/// The pixels that are looked at and may count, with what they show.
+pub(super) fn seen(evidence: &Evidence<'_, '_>) -> impl Iterator<Item = ([usize; 2], Hit)> {
+    let [width, height] = evidence.size();
+    let all = (0..height)
+        .step_by(APART)
+        .flat_map(move |y| (0..width).step_by(APART).map(move |x| [x, y]));
+    all.filter_map(move |[x, y]| {
+        let counts = at(evidence.planes.weights, y * width + x) > HARDLY;
+        Some(([x, y], evidence.frame.hit(x, y).filter(|_| counts)?))
+    })
 }
 
 /// A search at its end, whose memory serves the sampler.
@@ -57,24 +93,26 @@ pub(crate) struct Held<'a, 'w, const OTHERS: usize> {
     subject: Subject,
     photos: heapless::Vec<Photo<'w>, MAX_PHOTOS>,
     chart: Chart<'w>,
-    /// `a` of every photo's pixels, one photo after the other.
-    counts: &'w mut [f32],
     scratch: &'w mut [f32],
 }
 
 /// What is held of a photo.
 struct Photo<'w> {
     origin: Origin,
-    /// `1/Ga`.
-    near: &'w mut [f32],
-    /// `1/√G'a` of the shade's wider Gaussian.
+    /// Columns of the pixels that are looked at.
+    width: usize,
+    /// `a` of these pixels.
+    counts: &'w mut [f32],
+    /// `1/√G'a` of the shade's Gaussian.
     shares: &'w mut [f32],
-    /// `Σa`.
-    whole: f64,
-    /// Columns and rows of a box around all that counts. Only there the rendering is made anew, so
-    /// that at its border the force takes one of two neighbours as it was when the chain began: the
-    /// same wherever the state is, as it has to be.
+    /// Numbers of those that count, the points.
+    points: &'w mut [u32],
+    /// Triangles that these are in.
+    triangles: &'w mut [u32],
+    /// Columns and rows of a box around them.
     face: [Range<usize>; 2],
+    /// `W/Σa`.
+    share: f32,
 }
 
 impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
@@ -85,133 +123,78 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
     ) -> Option<Self> {
         search.make_judged();
         let Common { problem, layout, subject, surface, .. } = &mut search.common;
-        // The surface is made anew with every step.
+        let (vertices, layout) = (problem.model.vertices(), *layout);
+        // The surface is made again below.
         let basis = &problem.model.albedo;
         let chart = Chart::carve(carver, basis, layout.albedo_rank, surface.albedo)?;
         let albedo = chart.albedo(&subject.albedo);
+        let subject = subject.clone();
         let mut photos = heapless::Vec::new();
-        let pixels = || search.evidence().map(|evidence| evidence.planes.weights.len());
-        let most = pixels().max().unwrap_or(0);
-        let counts = carver.floats(pixels().sum())?;
-        let mut rest = &mut *counts;
         for evidence in search.evidence() {
-            let (own, others) = rest.split_at_mut_checked(evidence.planes.weights.len())?;
-            rest = others;
-            for (count, weight) in own.iter_mut().zip(&*evidence.planes.weights) {
-                *count = if *weight > HARDLY { *weight } else { 0.0 };
-            }
-            let [near, shares] = [carver.floats(own.len())?, carver.floats(own.len())?];
-            let (origin, face) = (Origin::new(evidence.view, albedo), [0..0, 0..0]);
-            photos.push(Photo { origin, near, shares, whole: 0.0, face }).ok()?;
+            let photo = Photo::carve(carver, evidence, &search.common, albedo)?;
+            photos.push(photo).ok()?;
         }
-        let vertices = search.common.problem.model.vertices();
-        let scratch = carver.floats(7 * most + gradient_words(vertices, most))?;
-        let subject = search.common.subject.clone();
-        Some(Self { search, subject, photos, chart, counts, scratch })
+        let sizes = search.evidence().map(Evidence::size);
+        let words = sizes.map(|size| passing_words(vertices, layout, size)).max()?;
+        let scratch = carver.floats(words)?;
+        for (evidence, photo) in search.evidence_mut().zip(&mut photos) {
+            photo.find_shares(scratch);
+            let width = evidence.width();
+            for plane in &mut evidence.planes.photo {
+                picture::blur(plane, scratch, width, LENS);
+            }
+        }
+        let Common { problem, subject: mode, surface, .. } = &mut search.common;
+        surface.update(problem.model, problem.engine, mode);
+        Some(Self { search, subject, photos, chart, scratch })
     }
 
     /// Words of memory that it needs of a search.
     pub(crate) fn words(search: &ModeSearch<'_, '_, OTHERS>) -> usize {
         let Common { problem, layout, .. } = &search.common;
-        let pixels = search.evidence().map(|evidence| evidence.planes.weights.len());
-        held_words(problem.model.vertices(), layout.albedo_rank, pixels)
+        held_words(problem.model.vertices(), *layout, search.evidence().map(Evidence::size))
     }
 
-    /// What pixels count, photo by photo.
-    pub(crate) fn counts(&self) -> &[f32] {
-        self.counts
-    }
-
-    /// Has pixels count what they count elsewhere; whether there are as many.
-    pub(crate) fn count(&mut self, counts: &[f32]) -> bool {
-        let same = counts.len() == self.counts.len();
-        if same {
-            self.counts.copy_from_slice(counts);
-            self.settle();
-        }
-        same
-    }
-
-    /// Leaves out what is near a contour a step from the mode; [`Held::settle`] is to follow.
-    pub(crate) fn leave_contours_out(&mut self, step: &mut [f32]) {
-        if self.go(step).is_none() {
-            return;
-        }
-        let mut rest = &mut *self.counts;
-        for evidence in self.search.evidence() {
-            let Some((counts, others)) = rest.split_at_mut_checked(evidence.planes.mask.len())
-            else {
-                return;
-            };
-            evidence.leave_contours_out(&self.search.common, counts);
-            rest = others;
-        }
-    }
-
-    /// Computes what follows from what pixels count.
-    pub(crate) fn settle(&mut self) {
-        let mut rest = &*self.counts;
-        for (evidence, photo) in self.search.evidence().zip(&mut self.photos) {
-            let Some((counts, others)) = rest.split_at_checked(photo.near.len()) else { return };
-            photo.settle(counts, evidence.width(), self.scratch);
-            rest = others;
-        }
-    }
-
-    /// Factorises the mean of the Gauss–Newton matrices some steps from the mode, by so many pixels
-    /// each; `None` if it is singular or there is too little memory, and the factor's is then lost.
-    pub(crate) fn factorise(
-        &mut self,
-        steps: &mut [f32],
-        samples: usize,
-        factor: &mut [f32],
-    ) -> Option<()> {
-        // The search's, out of the way of what follows.
-        let passing = core::mem::take(&mut self.search.passing);
-        let made = self.factorise_in(passing, steps, samples, factor);
-        self.search.passing = passing;
-        made
-    }
-
-    fn factorise_in(
-        &mut self,
-        memory: &mut [f32],
-        steps: &mut [f32],
-        samples: usize,
-        factor: &mut [f32],
-    ) -> Option<()> {
-        let n = self.layout().len();
-        let engine = self.search.common.problem.engine.normal_equations;
-        let mut system = System::new(n, engine, memory.get_mut(..system_words(n))?)?;
-        let mut count = 0;
-        for step in steps.chunks_exact_mut(n.max(1)) {
-            let Some((albedo, _)) = self.go(step) else { continue };
-            let ModeSearch { common, first, others, scratch, .. } = &mut self.search;
-            let mut rest = &*self.counts;
-            let all = core::iter::once(&mut *first).chain(&mut *others).zip(&self.photos);
-            for (number, (evidence, photo)) in all.enumerate() {
-                evidence.draw(common);
-                let (counts, others) = rest.split_at_checked(evidence.planes.weights.len())?;
-                evidence.planes.weights.copy_from_slice(counts);
-                rest = others;
-                let chart = &self.chart;
-                let view = evidence.view;
-                let pull = |row: &mut [f32]| {
-                    chart.pull(row, common.layout, number, &photo.origin, (&view, albedo), 0.0);
-                };
-                evidence.add_curvature(common, samples, count, pull, scratch, &mut system);
-                evidence.add_landmarks_and_priors(common, scratch.components, &mut system);
+    /// Looks at nothing but a part of the model from now on, which the photos of this search show; `None` if
+    /// there is less memory than [`surface_words`], or it is another's part.
+    pub(crate) fn look_at(&mut self, part: &'a Part<'a>, carver: &mut Carver<'w>) -> Option<()> {
+        for photo in &mut self.photos {
+            for triangle in &mut *photo.triangles {
+                *triangle = part.number(*triangle as usize)? as u32;
             }
-            common.priors().add_of_subject(&common.subject, common.layout, &mut system);
-            count += 1;
         }
-        // So little that it is lost but where nothing is known.
-        system.solve_damped(1e-6, |_| 1e-6, factor, self.search.step)?;
-        let share = math::rsqrt(count as f32);
-        for u in factor {
-            *u *= share;
-        }
+        let common = &mut self.search.common;
+        common.problem.model = part.model();
+        common.surface = Surface::carve(carver, part.model())?;
         Some(())
+    }
+
+    /// Factorises the mode's Gauss–Newton matrix; `None` if it is singular or there is too little memory,
+    /// and the factor's is then lost.
+    pub(crate) fn factorise(&mut self, factor: &mut [f32]) -> Option<()> {
+        let n = self.layout().len();
+        let Self { search, photos, chart, scratch, subject } = self;
+        let ModeSearch { common, first, others, scratch: rows, passing, step, .. } = search;
+        let normal_equations = common.problem.engine.normal_equations;
+        let mut system = System::new(n, normal_equations, passing.get_mut(..system_words(n))?)?;
+        let albedo = chart.albedo(&subject.albedo);
+        let all = core::iter::once(&*first).chain(&*others).zip(&*photos);
+        for (number, (evidence, photo)) in all.enumerate() {
+            let pull = |row: &mut [f32]| {
+                let at = (&evidence.view, albedo);
+                chart.pull(row, common.layout, number, &photo.origin, at, 0.0);
+            };
+            let shades = Shades::new(n, evidence.width(), scratch)?;
+            let points = photo.points().map(|(point, _)| {
+                let a = at(photo.counts, point);
+                (photo.pixel(point), a, a * at(photo.shares, point))
+            });
+            evidence.add_whole(common, (points, photo.share), pull, rows, shades, &mut system);
+            evidence.add_landmarks_and_priors(common, &mut system);
+        }
+        common.priors().add_of_subject(&common.subject, common.layout, &mut system);
+        // So little that it is lost but where nothing is known.
+        system.solve_damped(1e-6, |_| 1e-6, factor, step)
     }
 
     /// The unknowns.
@@ -237,8 +220,8 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
         })
     }
 
-    /// Goes a step away from the mode, and renders what is there; gives the mean albedo and the
-    /// logarithm of the Jacobian, if there is something.
+    /// Goes a step away from the mode; gives the mean albedo and the logarithm of the Jacobian, if there
+    /// is something.
     fn go(&mut self, step: &mut [f32]) -> Option<([f32; 3], f64)> {
         let subject = self.subject(step);
         let Self { search, photos, chart, .. } = self;
@@ -251,7 +234,8 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
             evidence.view = view;
             volume += part;
         }
-        search.render();
+        let Common { problem, subject, surface, .. } = &mut search.common;
+        surface.update(problem.model, problem.engine, subject);
         Some((albedo, volume))
     }
 
@@ -259,27 +243,24 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
     /// nought.
     pub(crate) fn energy(&mut self, step: &mut [f32]) -> Option<f64> {
         let (albedo, volume) = self.go(step)?;
-        let Self { search, photos, chart, counts, scratch, .. } = self;
-        let mut rest = &**counts;
+        let Self { search, photos, chart, scratch, .. } = self;
         let ModeSearch { common, first, others, scratch: rows, gradient, .. } = search;
         let mut sum = common.priors().energy_of_subject(&common.subject) - volume;
         gradient.fill(0.0);
-        for (evidence, photo) in core::iter::once(&mut *first).chain(&mut *others).zip(&*photos) {
+        for (evidence, photo) in core::iter::once(&*first).chain(&*others).zip(&*photos) {
             sum +=
                 evidence.landmark_energy(common) + common.priors().energy_of_view(&evidence.view);
-            if !sum.is_finite() {
-                return None;
-            }
-            let (counts, others) = rest.split_at_checked(photo.near.len())?;
-            sum += evidence.held_energy(common, photo, counts, scratch, gradient)?;
-            rest = others;
+            sum += evidence.held_energy(common, photo, scratch, gradient)?;
+        }
+        if !sum.is_finite() {
+            return None;
         }
         let [row, ..] = &mut rows.rows;
         let row = row.get_mut(..common.layout.len()).unwrap_or_default();
         let mut slope = Slope { row, gradient };
         common.priors().add_of_subject(&common.subject, common.layout, &mut slope);
         for evidence in core::iter::once(&*first).chain(&*others) {
-            evidence.add_landmarks_and_priors(common, rows.components, &mut slope);
+            evidence.add_landmarks_and_priors(common, &mut slope);
         }
         let all = core::iter::once(&*first).chain(&*others).zip(&*photos);
         for (number, (evidence, photo)) in all.enumerate() {
@@ -295,169 +276,166 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
     }
 }
 
-impl Photo<'_> {
-    /// Computes what follows from what pixels count.
-    fn settle(&mut self, counts: &[f32], width: usize, scratch: &mut [f32]) {
-        let Self { near, shares, .. } = self;
-        let width = width.max(1);
-        let counting = || counts.iter().enumerate().filter(|(_, a)| **a > 0.0).map(|(i, _)| i);
-        let range = |along: fn(usize, usize) -> usize| {
-            let first = counting().map(|i| along(i, width)).min().unwrap_or(0);
-            first..counting().map(|i| along(i, width) + 1).max().unwrap_or(0)
-        };
-        self.face = [range(|i, width| i % width), range(|i, width| i / width)];
-        self.whole = counts.iter().map(|a| f64::from(*a)).sum();
-        near.copy_from_slice(counts);
-        shares.copy_from_slice(counts);
-        picture::blur_box(near, scratch, width, self.face.clone(), LENS);
-        picture::blur_box(shares, scratch, width, self.face.clone(), SHADE);
-        for ((near, share), a) in near.iter_mut().zip(shares.iter_mut()).zip(counts) {
-            let seen = *a > 0.0;
-            *near = if seen { 1.0 / *near } else { 0.0 };
-            *share = if seen { math::rsqrt(*share) } else { 0.0 };
+impl<'w> Photo<'w> {
+    /// Of evidence that has been judged, where the mean albedo is that.
+    fn carve(
+        carver: &mut Carver<'w>,
+        evidence: &Evidence<'_, '_>,
+        common: &Common<'_, '_>,
+        albedo: [f32; 3],
+    ) -> Option<Self> {
+        let size = evidence.size();
+        let [columns, width] = [size[0], size[0].div_ceil(APART)];
+        let all = looked_at(size);
+        let [counts, shares] = [carver.floats(all)?, carver.floats(all)?];
+        let [points, triangles] = [carver.words(all)?, carver.words(all)?];
+        // What is near a contour is marked.
+        let marks = carver.scratch(columns * size[1])?;
+        marks.fill(0);
+        evidence.mark_contours(common, marks);
+        let weights = evidence.planes.weights.iter().zip(&*marks);
+        let whole: f32 =
+            weights.filter(|(a, mark)| **a > HARDLY && **mark == 0).map(|(a, _)| a).sum();
+        let (mut sum, mut count): (f32, _) = (0.0, 0);
+        counts.fill(0.0);
+        let (mut first, mut end) = ([usize::MAX; 2], [0; 2]);
+        for ([x, y], hit) in seen(evidence) {
+            let pixel = y * columns + x;
+            if at(marks, pixel) != 0 {
+                continue;
+            }
+            let place = [x / APART, y / APART];
+            let point = place[1] * width + place[0];
+            let weight = at(evidence.planes.weights, pixel);
+            set(counts, point, weight);
+            *points.get_mut(count)? = point as u32;
+            *triangles.get_mut(count)? = hit.triangle as u32;
+            sum += weight;
+            count += 1;
+            for axis in 0..2 {
+                first[axis] = first[axis].min(place[axis]);
+                end[axis] = end[axis].max(place[axis] + 1);
+            }
         }
+        let (points, _) = points.split_at_mut_checked(count)?;
+        let (triangles, _) = triangles.split_at_mut_checked(count)?;
+        // Nothing may be seen.
+        let face = [0, 1].map(|axis| first[axis].min(end[axis])..end[axis]);
+        let share = if sum > 0.0 { whole / sum } else { 0.0 };
+        let origin = Origin::new(evidence.view, albedo);
+        Some(Self { origin, width, counts, shares, points, triangles, face, share })
+    }
+
+    /// Computes the shade's shares of what counts.
+    fn find_shares(&mut self, scratch: &mut [f32]) {
+        let shares = core::mem::take(&mut self.shares);
+        shares.copy_from_slice(self.counts);
+        self.spread(shares, scratch);
+        for share in &mut *shares {
+            *share = if *share > 0.0 { math::rsqrt(*share) } else { 0.0 };
+        }
+        self.shares = shares;
+    }
+
+    /// Blurs a plane by the shade's Gaussian.
+    fn spread(&self, plane: &mut [f32], scratch: &mut [f32]) {
+        let sd = SHADE / APART as f32;
+        picture::blur_box(plane, scratch, self.width, self.face.clone(), sd);
+    }
+
+    /// Numbers of the points, and their triangles.
+    fn points(&self) -> impl Iterator<Item = (usize, usize)> {
+        let points = self.points.iter().zip(&*self.triangles);
+        points.map(|(point, triangle)| (*point as usize, *triangle as usize))
+    }
+
+    /// The pixel that showed a point.
+    fn pixel(&self, point: usize) -> [usize; 2] {
+        let width = self.width.max(1);
+        [APART * (point % width), APART * (point / width)]
     }
 }
 
 impl Evidence<'_, '_> {
-    /// The image term of what has been rendered; adds minus its derivative.
+    /// The image term of a surface; adds minus its derivative.
     fn held_energy(
-        &mut self,
+        &self,
         common: &Common<'_, '_>,
         photo: &Photo<'_>,
-        counts: &[f32],
         memory: &mut [f32],
         gradient: &mut [f32],
     ) -> Option<f64> {
-        let Photo { near, shares, whole, face, .. } = photo;
-        let (width, pixels) = (self.width(), counts.len());
-        let (planes, memory) = memory.split_at_mut_checked(7 * pixels)?;
-        let mut planes = planes.chunks_exact_mut(pixels.max(1));
+        let Photo { counts, shares, share, .. } = photo;
+        let (planes, memory) = memory.split_at_mut_checked(PLANES * counts.len())?;
+        let mut planes = planes.chunks_exact_mut(counts.len().max(1));
         let mut plane = || planes.next();
-        let mut seen = [plane()?, plane()?, plane()?];
-        let [shade, other, own, spare] = [plane()?, plane()?, plane()?, plane()?];
-        let shading = Shading::new(&self.view);
-        let [columns, rows] = face;
-        let lines = || rows.clone().map(|y| y * width + columns.start..y * width + columns.end);
-        self.look(common, photo, counts, &mut seen, spare);
-        let most = shade_most(common.sd());
-        let difference = |seen: &[&mut [f32]; 3], index: usize| -> Vec3 {
-            seen.each_ref().map(|plane| at(plane, index))
+        let differences = [plane()?, plane()?, plane()?];
+        let mut slopes = [[plane()?, plane()?, plane()?], [plane()?, plane()?, plane()?]];
+        let [shade, other, weights, spare] = [plane()?, plane()?, plane()?, plane()?];
+        let (shading, window) = (Shading::new(&self.view), Window::new(&self.view));
+        let look = |point: usize, triangle: usize| {
+            let [x, y] = photo.pixel(point);
+            let hit = Hit { triangle, ..self.frame.hit(x, y)? };
+            Some((hit, common.point(&shading, &hit)?))
         };
-        let shaded = |d: Vec3| mean(d).max(-most).min(most);
-        for index in lines().flatten() {
-            let shaded = shaded(difference(&seen, index));
-            set(shade, index, at(counts, index) * at(shares, index) * shaded);
+        let vector = |planes: &[&mut [f32]; 3], point: usize| {
+            planes.each_ref().map(|plane| at(plane, point))
+        };
+        let most = shade_most(common.sd());
+        let shaded = |difference: Vec3| mean(difference).max(-most).min(most);
+        shade.fill(0.0);
+        other.fill(0.0);
+        for (point, triangle) in photo.points() {
+            let (hit, (corners, looks)) = look(point, triangle)?;
+            let place = window.of(common.surface.place(corners, &hit));
+            let (seen, along) = picture::sample(&self.planes.photo, self.width(), place);
+            let difference = sub(seen, looks.color);
+            for c in 0..3 {
+                set(differences[c], point, difference[c]);
+                for (slopes, along) in slopes.iter_mut().zip(along) {
+                    set(slopes[c], point, along[c]);
+                }
+            }
+            set(shade, point, at(counts, point) * at(shares, point) * shaded(difference));
         }
-        picture::blur_box(shade, spare, width, face.clone(), SHADE);
+        photo.spread(shade, spare);
         let ln = LogRatio::new(common.sd());
-        let (mut weight, mut sum) = (0.0, 0.0);
-        for y in rows.clone() {
-            let (mut row_weight, mut row_sum) = (0.0, 0.0);
-            for x in columns.clone() {
-                let index = y * width + x;
-                let a = at(counts, index);
-                set(own, index, 0.0);
-                if !(a > 0.0) || self.frame.hit(x, y).is_none() {
-                    continue;
-                }
-                let difference = difference(&seen, index);
-                set(shade, index, SHADE_SHARE * at(shares, index) * at(shade, index));
-                let ratio = ln.of(difference, at(self.planes.ln_background, index))
-                    + ln.of_shade(shaded(difference) * at(shade, index));
-                let (ratio, share) = bounded(ratio);
-                row_weight += a;
-                row_sum += a * ratio;
-                set(own, index, a * share);
-            }
-            weight += f64::from(row_weight);
-            sum += f64::from(row_sum);
+        let mut sum = 0.0;
+        for (point, _) in photo.points() {
+            let [a, own] = [at(counts, point), at(shares, point)];
+            let difference = vector(&differences, point);
+            let shaded = shaded(difference);
+            let taken = SHADE_SHARE * own * at(shade, point);
+            let [x, y] = photo.pixel(point);
+            let background = at(self.planes.ln_background, y * self.width() + x);
+            let ratio = ln.of(difference, background) + ln.of_shade(shaded * taken);
+            let (ratio, face) = bounded(ratio);
+            sum += f64::from(a * ratio);
+            set(shade, point, taken);
+            set(weights, point, a * face);
+            set(other, point, a * face * own * shaded);
         }
-        if !(weight > COVERED * whole) {
-            return None;
-        }
-        let share = whole / weight;
-        // What pixels' shade takes from that of others.
-        for index in lines().flatten() {
-            let shaded = shaded(difference(&seen, index));
-            set(other, index, at(own, index) * at(shares, index) * shaded);
-        }
-        picture::blur_box(other, spare, width, face.clone(), SHADE);
-        let unit = share as f32 * common.pixel_weight();
-        for index in lines().flatten() {
-            let difference = difference(&seen, index);
-            let (a, own) = (at(counts, index), at(own, index));
-            let other = SHADE_SHARE * at(shares, index) * at(other, index);
+        // What points' shade takes from that of others.
+        photo.spread(other, spare);
+        let unit = share * common.pixel_weight();
+        let pixels = photo.points().filter_map(|(point, triangle)| {
+            let (_, (corners, looks)) = look(point, triangle)?;
+            let [a, own] = [at(counts, point), at(shares, point)];
+            let (difference, weight) = (vector(&differences, point), at(weights, point));
             let all = mean(difference).abs() < most;
-            let taken = if all { 0.5 * (own * at(shade, index) + a * other) } else { 0.0 };
-            let k = unit * at(near, index);
-            for (plane, d) in seen.iter_mut().zip(difference) {
-                set(plane, index, k * (own * d - taken));
-            }
-        }
-        for plane in &mut seen {
-            picture::blur_box(plane, spare, width, face.clone(), LENS);
-        }
-        self.add_gradient_of(common, memory, gradient, |[x, y], hit| {
-            let index = y * width + x;
-            let a = at(counts, index);
-            if !(a > 0.0) {
-                return None;
-            }
-            let (corners, point) = common.point(&shading, hit)?;
-            let cost = difference(&seen, index).map(|cost| a * cost);
-            let adjoint = shading.adjoint(&point, cost);
-            let by_place = self.differences(x, y).map(|d| -dot(cost, d));
-            Some(Pixel { corners, weights: point.weights, adjoint, by_place })
+            let other = SHADE_SHARE * own * at(other, point);
+            let taken = if all { 0.5 * (weight * at(shade, point) + a * other) } else { 0.0 };
+            let cost = difference.map(|d| unit * (weight * d - taken));
+            let adjoint = shading.adjoint(&looks, cost);
+            let by_place = slopes.each_ref().map(|slopes| -dot(cost, vector(slopes, point)));
+            Some(Pixel { corners, weights: looks.weights, adjoint, by_place })
         });
-        let patch = f64::from(common.patch());
-        Some(-share * sum / patch)
+        self.add_gradient_of(common, memory, gradient, pixels);
+        Some(-f64::from(share / common.patch()) * sum)
     }
 
-    /// Fills `seen` with how photo and rendering differ, channel by channel, as the lens shows it.
-    fn look(
-        &mut self,
-        common: &Common<'_, '_>,
-        photo: &Photo<'_>,
-        counts: &[f32],
-        seen: &mut [&mut [f32]; 3],
-        spare: &mut [f32],
-    ) {
-        let Photo { near, face, .. } = photo;
-        let (width, shading) = (self.width(), Shading::new(&self.view));
-        let [columns, rows] = face;
-        let lines = || rows.clone().map(|y| y * width + columns.start..y * width + columns.end);
-        for y in rows.clone() {
-            for x in columns.clone() {
-                let index = y * width + x;
-                let a = at(counts, index);
-                let hit = self.frame.hit(x, y);
-                let point = hit.and_then(|hit| common.point(&shading, &hit));
-                for (c, plane) in self.planes.rendering.iter_mut().enumerate() {
-                    set(plane, index, point.map_or(f32::NAN, |(_, point)| point.color[c]));
-                }
-                let difference = point.map(|(_, point)| sub(self.photo_at(index), point.color));
-                for (c, plane) in seen.iter_mut().enumerate() {
-                    set(plane, index, difference.map_or(0.0, |d| a * d[c]));
-                }
-            }
-        }
-        for plane in seen {
-            picture::blur_box(plane, spare, width, face.clone(), LENS);
-            for index in lines().flatten() {
-                set(plane, index, at(plane, index) * at(near, index));
-            }
-        }
-    }
-
-    /// Sets to nought what pixels near a contour count, and those that are not covered.
-    fn leave_contours_out(&self, common: &Common<'_, '_>, counts: &mut [f32]) {
-        let width = self.width().max(1);
-        for (index, count) in counts.iter_mut().enumerate() {
-            if self.frame.hit(index % width, index / width).is_none() {
-                *count = 0.0;
-            }
-        }
+    /// Marks the pixels near a contour.
+    fn mark_contours(&self, common: &Common<'_, '_>, marks: &mut [u32]) {
         let triangles = common.problem.model.triangles;
         let place = |v: usize| {
             let [x, y, ..] = at(self.window, v);
@@ -477,18 +455,17 @@ impl Evidence<'_, '_> {
                     turned |= own * area(face) < 0.0;
                 }
                 if faces == 1 || turned {
-                    clear_along(edge.map(place), counts, width);
+                    mark_along(edge.map(place), marks, self.size());
                 }
             }
         }
     }
 }
 
-/// Sets to nought what is [`NEAR`] a line in the window.
-fn clear_along([from, to]: [[f32; 2]; 2], counts: &mut [f32], width: usize) {
+/// Marks what is [`NEAR`] a line in the window.
+fn mark_along([from, to]: [[f32; 2]; 2], marks: &mut [u32], [width, height]: [usize; 2]) {
     let way = [to[0] - from[0], to[1] - from[1]];
     let square = (way[0] * way[0] + way[1] * way[1]).max(f32::MIN_POSITIVE);
-    let height = counts.len() / width;
     let range = |axis: usize, end: usize| {
         let (low, high) = (from[axis].min(to[axis]), from[axis].max(to[axis]));
         let clamp = |x: f32| x.max(0.0).min(end as f32) as usize;
@@ -500,8 +477,9 @@ fn clear_along([from, to]: [[f32; 2]; 2], counts: &mut [f32], width: usize) {
             let along = (off[0] * way[0] + off[1] * way[1]) / square;
             let along = along.clamp(0.0, 1.0);
             let rest = [off[0] - along * way[0], off[1] - along * way[1]];
-            if rest[0] * rest[0] + rest[1] * rest[1] < NEAR * NEAR {
-                set(counts, y * width + x, 0.0);
+            let near = rest[0] * rest[0] + rest[1] * rest[1] < NEAR * NEAR;
+            if let Some(mark) = marks.get_mut(y * width + x).filter(|_| near) {
+                *mark = 1;
             }
         }
     }

@@ -28,22 +28,18 @@ pub(super) fn energy(landmarks: &Landmarks<'_>, subject: &Subject, view: &View, 
         .sum()
 }
 
-/// Adds the landmarks' equations in the view of this number. `components` is scratch, as long as
-/// there are shape coefficients or longer.
+/// Adds the landmarks' equations in the view of this number.
 pub(super) fn add_equations(
     common: &Common<'_, '_>,
     landmarks: &Landmarks<'_>,
     view: &View,
     number: usize,
-    components: &mut [[f32; 3]],
     system: &mut impl Equations,
 ) {
     let Common { layout, subject, .. } = common;
     let sd = common.problem.config.landmark_sd;
     let window = Window::new(view);
-    let components = components.get_mut(..layout.shape_rank).unwrap_or_default();
     for sample in landmarks.samples(view, &landmarks.points(&subject.shape)) {
-        common.problem.model.shape.at(sample.vertex, components);
         let [x, y] = sample.residual;
         let q = (x * x + y * y) / (sd * sd);
         let freedom = LANDMARK_FREEDOM as f32;
@@ -54,7 +50,7 @@ pub(super) fn add_equations(
             let (moved, pose) = window.adjoint(sample.point, cost);
             let row = system.row();
             row.fill(0.0);
-            for (out, b) in row.iter_mut().zip(&*components) {
+            for (out, b) in row.iter_mut().take(layout.shape_rank).zip(sample.components) {
                 *out = dot(moved, *b);
             }
             for (out, p) in

@@ -26,6 +26,7 @@ mod held;
 mod image_term;
 mod landmarks;
 mod occlusion;
+mod part;
 mod picture;
 pub mod priors;
 mod shading;
@@ -42,7 +43,9 @@ use common::Common;
 pub use common::{Energy, LEVELS, Level, Options};
 pub use evidence::Evidence;
 pub(crate) use held::{Held, held_words};
+pub use part::{Part, part_words};
 pub use state::{ModeSearch, words, words_for};
+pub(crate) use surface::surface_words;
 use unknowns::VIEW;
 
 /// Decrease of `E` below which a step counts as none.
@@ -97,9 +100,9 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
         let mut search = Self::carve(problem, options, memory)?;
-        let Self { common, first, others, scratch, passing, .. } = &mut search;
+        let Self { common, first, others, passing, .. } = &mut search;
         for evidence in core::iter::once(&mut *first).chain(&mut *others) {
-            evidence.find_pose(common, scratch, passing);
+            evidence.find_pose(common, passing);
         }
         let prior = search.common.priors().energy_of_subject(&search.common.subject);
         let mut energy = Energy { prior, ..Energy::default() };

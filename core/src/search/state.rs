@@ -36,7 +36,6 @@ const fn shared_words(d: &Dimensions, views: usize, pixels: usize, triangles: us
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank, views };
     let n = layout.len();
     surface_words(d.vertices, triangles)
-        + 3 * d.shape_rank
         + copies_words(d)
         + passing_words(d.vertices, pixels, n)
         + 5 * n
@@ -125,7 +124,6 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
         let rows = [floats(n)?, floats(n)?, floats(n)?];
         let passing = floats(passing_words(d.vertices, pixels, n))?;
         let (gradient, step) = (floats(n)?, floats(n)?);
-        let components = carver.groups(d.shape_rank).ok_or(error)?;
         let mut by_vertex = [None, None];
         if !d.lean {
             let halves = [(&model.shape, d.shape_rank), (&model.albedo, d.albedo_rank)];
@@ -138,7 +136,7 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
             common,
             first,
             others,
-            scratch: Scratch { components, by_vertex, rows },
+            scratch: Scratch { by_vertex, rows },
             passing,
             gradient,
             step,

@@ -10,10 +10,11 @@ use crate::engine::{Engine, Quad};
 use crate::math;
 use crate::memory::Carver;
 use crate::model::{Model, Triangles};
+use crate::render::rasterize::Hit;
 use crate::scene::Subject;
 
 /// Words of memory a [`Surface`] needs.
-pub(super) const fn surface_words(vertices: usize, triangles: usize) -> usize {
+pub(crate) const fn surface_words(vertices: usize, triangles: usize) -> usize {
     3 * 4 * padded(vertices) + (padded(vertices) + 1) + 3 * triangles
 }
 
@@ -100,6 +101,14 @@ impl<'w> Surface<'w> {
             let [x, y, z] = scale(sum, inverse);
             *normal = [x, y, z, inverse];
         }
+    }
+
+    /// Where the point of a triangle with these corners is that has been hit.
+    #[inline(always)]
+    pub(super) fn place(&self, corners: [usize; 3], hit: &Hit) -> Vec3 {
+        let [a, b, c] = corners.map(|v| xyz(at(self.positions, v)));
+        let [second, third] = hit.weights;
+        add(a, add(scale(sub(b, a), second), scale(sub(c, a), third)))
     }
 
     /// The faces of an edge.

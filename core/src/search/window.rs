@@ -23,6 +23,14 @@ impl Window {
         }
     }
 
+    /// `(u, v)` of a model point.
+    #[inline(always)]
+    pub(super) fn of(&self, point: Vec3) -> [f32; 2] {
+        let [x, y, z] = add(scale(apply(&self.rotation, point), self.scale), self.translation);
+        let ([fx, fy], [cx, cy], k) = (self.pixel.focal, self.pixel.centre, -1.0 / z);
+        [cx + fx * x * k, cy - fy * y * k]
+    }
+
     /// Passes what `(u, v)` of a model point cost back to the point, and to the pose.
     ///
     /// `u = c + f X/d`, `v = c − f Y/d`, `d = −Z`; turning by ω about the object's origin moves

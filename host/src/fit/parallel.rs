@@ -157,7 +157,7 @@ pub(crate) fn find_mode_and<T>(
     let seconds = start.elapsed().as_secs_f64();
     let mut fits = searching.end(jobs.iter().zip(problems.iter().copied()), seconds)?;
     let layout = searching.search.layout();
-    let mut more = vec![0; posterior::words(&problem, &options)];
+    let mut more = vec![0; posterior::words(&problem, &options, 0)];
     // A mode without is a mode all the same.
     if let Ok(mut deviations) = posterior::laplace(searching.search, &mut more) {
         for (number, fit) in fits.iter_mut().enumerate() {

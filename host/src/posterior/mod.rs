@@ -8,17 +8,24 @@ use crate::fit::summary::{Marginal, PosteriorFound, hex};
 use crate::fit::{Control, Fit, Job, OTHERS, find_mode_and, most_mode_steps};
 use diagnostics::{Diagnosis, quantile};
 use onescan_core::chain::Problem;
+use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
-use onescan_core::posterior::{self, Pilot, Sampler};
+use onescan_core::posterior::{self, Sampler};
 use onescan_core::scene::{Subject, View};
-use onescan_core::search::{self, ModeSearch, Options};
+use onescan_core::search::{self, ModeSearch, Options, Part, part_words};
 use output::Spread;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 use std::sync::atomic::Ordering;
 
+/// Steps of rounds of a chain's warm-up, after each of which all chains together learn a better metric.
+const ROUNDS: [u32; 3] = [30, 40, 50];
+/// Steps that then adapt how far it turns at once.
+const TURNING: u32 = 30;
 /// Steps of a chain that adapt it and are thrown away.
-pub const WARM_UP: u32 = 60;
+pub const WARM_UP: u32 = ROUNDS[0] + ROUNDS[1] + ROUNDS[2] + TURNING;
+/// Places that a chain notes in a round, at most.
+const PLACES: usize = 400;
 /// R̂ below which, and sample sizes from which on, a parameter counts as mixed (Vehtari et al. 2021).
 const R_HAT: f64 = 1.01;
 const ESS: f64 = 400.0;
@@ -35,10 +42,10 @@ pub struct Request {
 }
 
 impl Request {
-    /// Steps of search, pilot and chains, for a progress bar.
+    /// Steps of search and chains, for a progress bar.
     pub fn steps(&self) -> u64 {
         let chain = u64::from(WARM_UP + self.draws);
-        most_mode_steps() + u64::from(Pilot::<OTHERS>::STEPS) + u64::from(self.chains) * chain
+        most_mode_steps() + u64::from(self.chains) * chain
     }
 }
 
@@ -88,62 +95,98 @@ fn sample_around(
     request: &Request,
     control: &Control<'_>,
 ) -> Result<Option<Samples>> {
-    let stopped = || control.stop.load(Ordering::Relaxed);
-    let words = search::words(&problem, &options);
-    let (mut memory, mut more) =
-        (vec![0; words], vec![0; posterior::pilot_words(&problem, &options)]);
-    let mut pilot =
-        Pilot::new(mode(problem, options, &mut memory)?, &mut more).map_err(Error::new)?;
-    while pilot.step() {
-        if stopped() {
-            return Ok(None);
-        }
-        control.steps.fetch_add(1, Ordering::Relaxed);
-    }
-    let ground = pilot.ground();
-    let runs = (0..request.chains)
-        .into_par_iter()
-        .map(|number| {
-            let (mut memory, mut more) =
-                (vec![0; words], vec![0; posterior::words(&problem, &options)]);
-            let search = mode(problem, options, &mut memory)?;
-            let seed = request.seed;
-            let chain = Sampler::new(search, &ground, WARM_UP, seed, number, &mut more);
-            let mut chain = chain.map_err(Error::new)?;
-            let mut kept = Vec::with_capacity(request.draws as usize);
-            while kept.len() < request.draws as usize && !stopped() {
-                let warm = chain.warm();
-                chain.step();
-                control.steps.fetch_add(1, Ordering::Relaxed);
-                if warm {
-                    let views = chain.views().zip(jobs).map(|(mut view, job)| {
-                        view.camera = job.crop.camera_in_photo(&view.camera);
-                        view
-                    });
-                    kept.push(Draw {
-                        subject: chain.subject(),
-                        views: views.collect(),
-                        ln_density: chain.ln_density(),
-                    });
-                }
-            }
-            let (steps, accepted) = chain.tally();
-            Ok((kept, steps, accepted, chain.fingerprint()))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    if stopped() {
+    let memories = |words: usize| vec![vec![0; words]; request.chains as usize];
+    let mut firsts = memories(search::words(&problem, &options));
+    let mut shown = vec![0; part_words(problem.model)];
+    let mut seconds = memories(posterior::words(&problem, &options, PLACES));
+    let searches = firsts.par_iter_mut().map(|memory| mode(problem, options, memory));
+    let mut searches = searches.collect::<Result<Vec<_>>>()?;
+    let part = searches.first_mut().and_then(|search| Part::new(search, &mut shown));
+    let part = part.ok_or_else(|| Error::new("nothing of the face is seen"))?;
+    let chains = searches.into_par_iter().zip(&mut seconds).zip(0..request.chains);
+    let chains = chains.map(|((search, memory), number)| {
+        Sampler::new(search, &part, PLACES, request.seed, number, memory).map_err(Error::new)
+    });
+    let mut chains = chains.collect::<Result<Vec<_>>>()?;
+    if !warm_up(&mut chains, problem.engine, control) {
         return Ok(None);
     }
+    let chains: Vec<_> = chains
+        .into_par_iter()
+        .map(|mut chain| {
+            let mut kept = Vec::with_capacity(request.draws as usize);
+            for _ in 0..request.draws {
+                if control.stop.load(Ordering::Relaxed) {
+                    return None;
+                }
+                chain.step();
+                control.steps.fetch_add(1, Ordering::Relaxed);
+                let views = chain.views().zip(jobs).map(|(mut view, job)| {
+                    view.camera = job.crop.camera_in_photo(&view.camera);
+                    view
+                });
+                kept.push(Draw {
+                    subject: chain.subject(),
+                    views: views.collect(),
+                    ln_density: chain.ln_density(),
+                });
+            }
+            Some((kept, chain.tally(), chain.fingerprint()))
+        })
+        .collect();
     let mut hash = Fnv64::default();
     let (mut steps, mut accepted) = (0, 0);
-    let mut chains = Vec::new();
-    for (kept, of, taken, fingerprint) in runs {
-        (steps, accepted) = (steps + of, accepted + taken);
+    let mut all = Vec::new();
+    for chain in chains {
+        let Some((kept, tally, fingerprint)) = chain else { return Ok(None) };
+        (steps, accepted) = (steps + tally.0, accepted + tally.1);
         hash.write(&fingerprint.to_le_bytes());
-        chains.push(kept);
+        all.push(kept);
     }
     let acceptance = f64::from(accepted) / f64::from(steps.max(1));
-    Ok(Some(Samples { chains, acceptance, fingerprint: hash.finish() }))
+    Ok(Some(Samples { chains: all, acceptance, fingerprint: hash.finish() }))
+}
+
+/// Has chains learn from each other where to go, and how far at once; `false` if that was stopped.
+fn warm_up(chains: &mut [Sampler<'_, '_, OTHERS>], engine: &Engine, control: &Control<'_>) -> bool {
+    let stopped = || control.stop.load(Ordering::Relaxed);
+    let go = |chains: &mut [Sampler<'_, '_, OTHERS>], steps: u32| {
+        chains.par_iter_mut().for_each(|chain| {
+            for _ in 0..steps {
+                if stopped() {
+                    return;
+                }
+                chain.warm_up();
+                control.steps.fetch_add(1, Ordering::Relaxed);
+            }
+        });
+        !stopped()
+    };
+    let n = chains.first().map_or(0, Sampler::unknowns);
+    let mut places: Vec<f32> = Vec::new();
+    let mut memory = vec![0.0; posterior::improve_words(n)];
+    for steps in ROUNDS {
+        if !go(chains, steps) {
+            return false;
+        }
+        for chain in &mut *chains {
+            places.extend(chain.places());
+        }
+        // Where nothing is learnt the metric is good enough.
+        if let Some(change) = posterior::improve(n, &mut places, engine, &mut memory) {
+            for chain in &mut *chains {
+                chain.adopt(&change);
+            }
+        }
+    }
+    if !go(chains, TURNING) {
+        return false;
+    }
+    let angle = chains.iter().map(Sampler::angle).sum::<f64>() / chains.len() as f64;
+    for chain in chains {
+        chain.turn_by(angle);
+    }
+    true
 }
 
 /// The search at its end: it is made again, since its memory goes to what samples around it.

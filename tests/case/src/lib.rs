@@ -19,12 +19,12 @@ use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::likelihood::pixels::{Coverage, Known, Surface, Target};
 use onescan_core::memory::Carver;
 use onescan_core::model::Model;
-use onescan_core::posterior::{self, Pilot, Sampler};
+use onescan_core::posterior::{self, Sampler};
 use onescan_core::render::rasterize;
 use onescan_core::render::shade::{Shader, set_albedo, set_normals};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use onescan_core::search::{self, ModeSearch, Options, words_for};
+use onescan_core::search::{self, ModeSearch, Options, Part, part_words, words_for};
 
 /// Side of the photo, pixels.
 pub const SIDE: usize = 64;
@@ -201,8 +201,8 @@ pub fn search(memory: &mut [u32], engine: &Engine) -> Option<Found> {
 
 /// Memory of [`posterior()`], words.
 pub const POSTERIOR_WORDS: usize = 1 << 20;
-/// Steps of its chain that adapt it, and all.
-const POSTERIOR_STEPS: [u32; 2] = [20, 60];
+/// Steps of its chain's warm-up, before and after the metric is made better, and steps after it.
+const POSTERIOR_STEPS: [u32; 3] = [15, 10, 40];
 
 /// Samples the posterior around the mode of the photo of half the size, in `memory` of
 /// [`POSTERIOR_WORDS`]; gives the hash of every accepted state. `None` if it is too short.
@@ -210,21 +210,30 @@ const POSTERIOR_STEPS: [u32; 2] = [20, 60];
 pub fn posterior(memory: &mut [u32], engine: &Engine) -> Option<u64> {
     HALF.pose(engine, |problem| {
         let options = Options::default();
-        let mode = |memory| {
-            let mut search: ModeSearch<'_, '_> = ModeSearch::new(problem, options, memory).ok()?;
-            while search.step().is_some() {}
-            Some(search)
-        };
-        let words = search::words(&problem, &options);
-        let (first, rest) = memory.split_at_mut_checked(words)?;
-        let (second, rest) = rest.split_at_mut_checked(words)?;
-        let pilot_words = posterior::pilot_words(&problem, &options);
-        let (third, fourth) = rest.split_at_mut_checked(pilot_words)?;
-        let mut pilot = Pilot::new(mode(first)?, third).ok()?;
-        while pilot.step() {}
-        let [warm_up, steps] = POSTERIOR_STEPS;
-        let ground = pilot.ground();
-        let mut chain = Sampler::new(mode(second)?, &ground, warm_up, SEED, 0, fourth).ok()?;
+        let (first, second) = memory.split_at_mut_checked(search::words(&problem, &options))?;
+        let mut search: ModeSearch<'_, '_> = ModeSearch::new(problem, options, first).ok()?;
+        while search.step().is_some() {}
+        let (shown, second) = second.split_at_mut_checked(part_words(problem.model))?;
+        let part = Part::new(&mut search, shown)?;
+        let [meeting, turning, steps] = POSTERIOR_STEPS;
+        let places = 5 * meeting as usize;
+        let words = posterior::words(&problem, &options, places);
+        let (second, rest) = second.split_at_mut_checked(words)?;
+        let mut chain = Sampler::new(search, &part, places, SEED, 0, second).ok()?;
+        for _ in 0..meeting {
+            chain.warm_up();
+        }
+        let n = chain.unknowns();
+        let mut carver = Carver::new(rest);
+        let scratch = carver.floats(posterior::improve_words(n))?;
+        let met = chain.places();
+        let places = carver.floats(met.len())?;
+        places.copy_from_slice(met);
+        let change = posterior::improve(n, places, engine, scratch)?;
+        chain.adopt(&change);
+        for _ in 0..turning {
+            chain.warm_up();
+        }
         for _ in 0..steps {
             chain.step();
         }
