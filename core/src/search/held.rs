@@ -22,7 +22,7 @@ use super::curvature::{Shades, shades_words};
 use super::evidence::Evidence;
 use super::gradient::{Pixel, gradient_words};
 use super::image_term::{LogRatio, SHADE, SHADE_SHARE, bounded, mean, set, shade_most};
-use super::part::Part;
+use super::part::{APART, HARDLY, Part, seen};
 use super::picture;
 use super::shading::Shading;
 use super::state::ModeSearch;
@@ -41,10 +41,6 @@ use core::ops::Range;
 const LENS: f32 = 2.0;
 /// How near a contour is, pixels.
 const NEAR: f32 = 2.0;
-/// What a pixel counts at least, or it does not.
-const HARDLY: f32 = 0.01;
-/// Pixels from one that is looked at to the next, along both axes.
-const APART: usize = 3;
 /// Planes that a force needs of a photo.
 const PLANES: usize = 13;
 
@@ -73,18 +69,6 @@ pub(crate) fn held_words(
         passing = passing.max(passing_words(vertices, layout, size));
     }
     chart_words(layout.albedo_rank) + own + passing
-}
-
-/// The pixels that are looked at and may count, with what they show.
-pub(super) fn seen(evidence: &Evidence<'_, '_>) -> impl Iterator<Item = ([usize; 2], Hit)> {
-    let [width, height] = evidence.size();
-    let all = (0..height)
-        .step_by(APART)
-        .flat_map(move |y| (0..width).step_by(APART).map(move |x| [x, y]));
-    all.filter_map(move |[x, y]| {
-        let counts = at(evidence.planes.weights, y * width + x) > HARDLY;
-        Some(([x, y], evidence.frame.hit(x, y).filter(|_| counts)?))
-    })
 }
 
 /// A search at its end, whose memory serves the sampler.

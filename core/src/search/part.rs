@@ -3,19 +3,36 @@
 //! Some triangles are seen, and the normals of their corners are made by the triangles around these. The
 //! other half of a head, say, is left out, and with it half the memory that every instance streams.
 
-use super::held::seen;
+use super::evidence::Evidence;
 use super::state::ModeSearch;
 use super::surface::at;
 use crate::basis::{Basis, LANES, padded};
 use crate::memory::Carver;
 use crate::model::{Model, Triangles};
+use crate::render::rasterize::Hit;
 use bytemuck::try_cast_slice_mut;
 
+/// What a pixel counts at least, or it does not.
+pub(super) const HARDLY: f32 = 0.01;
+/// Pixels from one that is looked at to the next, along both axes.
+pub(super) const APART: usize = 3;
 /// Number of a triangle or vertex that is left out.
 const NONE: u32 = u32::MAX;
 /// A vertex whose normal is wanted, and one that is only around such a vertex.
 const WANTED: u32 = 1;
 const AROUND: u32 = 2;
+
+/// The pixels that are looked at and may count, with what they show.
+pub(super) fn seen(evidence: &Evidence<'_, '_>) -> impl Iterator<Item = ([usize; 2], Hit)> {
+    let [width, height] = evidence.size();
+    let all = (0..height)
+        .step_by(APART)
+        .flat_map(move |y| (0..width).step_by(APART).map(move |x| [x, y]));
+    all.filter_map(move |[x, y]| {
+        let counts = at(evidence.planes.weights, y * width + x) > HARDLY;
+        Some(([x, y], evidence.frame.hit(x, y).filter(|_| counts)?))
+    })
+}
 
 /// Words of memory that a [`Part`] of a model needs at most.
 pub fn part_words(model: &Model<'_>) -> usize {
