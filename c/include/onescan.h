@@ -504,7 +504,7 @@ OnescanStatus onescan_search_draw(OnescanSearch *search,
   (9 * ONESCAN_PIXELS(width, height) + 65 * ONESCAN_CHUNKS(width, height) +                         \
    17 * ONESCAN_PADDED(vertices) + 1 + ((size_t)(vertices) + 3) / 4 + 3 * (size_t)(triangles) +     \
    ((lean) ? 0 : 24 * (size_t)(vertices) * (ONESCAN_GROUPS(shape_rank) + ONESCAN_GROUPS(albedo_rank))) + \
-   3 * (shape_rank) + 3 * (landmarks) * (1 + (shape_rank)) +                                        \
+   3 * (landmarks) * (1 + (shape_rank)) +                                                            \
    5 * ONESCAN_UNKNOWNS(shape_rank, albedo_rank) +                                                  \
    ONESCAN_MAX(ONESCAN_MAX(15625, 12 * ONESCAN_PADDED(vertices)),                                   \
                ONESCAN_SYSTEM(ONESCAN_UNKNOWNS(shape_rank, albedo_rank)) +                          \

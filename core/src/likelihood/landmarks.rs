@@ -78,6 +78,14 @@ impl<'w> Landmarks<'w> {
         Some(Self { rows, observed, rank, sd })
     }
 
+    /// Has them observed elsewhere.
+    #[cfg(test)]
+    pub(crate) fn observe(&mut self, places: &[[f32; 2]]) {
+        for (observed, place) in self.observed.iter_mut().zip(places) {
+            *observed = *place;
+        }
+    }
+
     /// Positions of the landmarks in the model's frame: the instance's, to rounding.
     pub fn points(&self, coefficients: &[f32]) -> Points {
         let mut points = Points::new();

@@ -14,6 +14,8 @@
 //! then both are held.
 
 pub mod hamiltonian;
+#[cfg(test)]
+mod joint;
 mod metric;
 mod precision;
 
@@ -173,8 +175,8 @@ fn ln_haar([x, y, z]: [f32; 3]) -> Option<f64> {
 }
 
 /// A state that goes around a density.
-struct Walk<'a, 'w, const OTHERS: usize> {
-    target: Density<Around<'a, 'w, OTHERS>>,
+struct Walk<F> {
+    target: Density<F>,
     state: State,
     rng: Rng,
     /// Logarithm of the angle, and its average since it is adapted.
@@ -183,13 +185,13 @@ struct Walk<'a, 'w, const OTHERS: usize> {
     adapted: u32,
 }
 
-impl<'a, 'w, const OTHERS: usize> Walk<'a, 'w, OTHERS> {
-    /// Begins at a draw of the normal approximation.
-    fn new(around: Around<'a, 'w, OTHERS>, mut rng: Rng) -> Result<Self, ChainError> {
-        let mut target = Density(around);
+impl<F: Field> Walk<F> {
+    /// Begins at a draw of the normal approximation, of so many unknowns.
+    fn new(field: F, unknowns: usize, mut rng: Rng) -> Result<Self, ChainError> {
+        let mut target = Density(field);
         let mut position = Unknowns::new();
         // At most as many as there is room for.
-        let _ = position.resize(target.0.unknowns(), 0.0);
+        let _ = position.resize(unknowns, 0.0);
         let mut state = State { force: position.clone(), position, energy: f64::INFINITY };
         // Nearer if that is where it may not go.
         for spread in [1.0, 0.3, 0.0] {
@@ -228,7 +230,9 @@ impl<'a, 'w, const OTHERS: usize> Walk<'a, 'w, OTHERS> {
         *average += 2.0 / (k + 1.0) * (*now - *average);
         outcome
     }
+}
 
+impl<const OTHERS: usize> Walk<Around<'_, '_, OTHERS>> {
     fn unknowns(&self) -> Unknowns {
         self.target.0.step(&self.state.position)
     }
@@ -259,7 +263,7 @@ pub fn laplace<'w, const OTHERS: usize>(
 
 /// A running chain.
 pub struct Sampler<'a, 'w, const OTHERS: usize = 0> {
-    walk: Walk<'a, 'w, OTHERS>,
+    walk: Walk<Around<'a, 'w, OTHERS>>,
     steps: u32,
     accepted: u32,
     fingerprint: Fnv64,
@@ -282,7 +286,8 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         memory: &'w mut [u32],
     ) -> Result<Self, ChainError> {
         let around = Around::new(search, Some(part), places, memory)?;
-        let walk = Walk::new(around, Rng::new(seed, stream))?;
+        let unknowns = around.unknowns();
+        let walk = Walk::new(around, unknowns, Rng::new(seed, stream))?;
         Ok(Self { walk, steps: 0, accepted: 0, fingerprint: Fnv64::default() })
     }
 

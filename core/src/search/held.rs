@@ -16,6 +16,9 @@
 //! while the surface moves under them it is not: where triangles are smaller than pixels colours jump,
 //! and contours come by.)
 
+#[cfg(test)]
+pub(crate) mod probe;
+
 use super::chart::{Chart, Origin, chart_words};
 use super::common::Common;
 use super::curvature::{Shades, shades_words};

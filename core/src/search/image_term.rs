@@ -45,7 +45,7 @@ use crate::render::rasterize::Hit;
 /// the face: some hundred pixels, the order of the patch that shares one error.
 const COHERENCE: f32 = 3.0;
 /// Log of the odds against the face, at most, that one pixel's colour can be.
-const HOPELESS: f32 = 12.0;
+pub(super) const HOPELESS: f32 = 12.0;
 /// `ℓ` from which on that makes no difference.
 const CERTAIN: f32 = 6.0;
 /// Standard deviation, pixels, over which light and surface may be too bright or too dark together; at

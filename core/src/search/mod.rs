@@ -298,4 +298,6 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) use held::probe;
+#[cfg(test)]
+pub(crate) mod tests;

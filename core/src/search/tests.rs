@@ -41,17 +41,17 @@ fn model(words: &[u32]) -> Model<'_> {
 }
 
 /// A face to be found: its scene, its picture with noise, and its landmarks in the picture.
-struct Case {
+pub(crate) struct Case {
     bytes: Vec<u32>,
     truth: Scene,
     pixels: Vec<[u8; 3]>,
     landmarks: Vec<(&'static str, [f32; 2])>,
     open: Option<Vec<u8>>,
-    config: Config,
+    pub(crate) config: Config,
 }
 
 impl Case {
-    fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         let bytes = aligned();
         let model = model(&bytes);
         let (shape_rank, albedo_rank) = (model.shape.rank(), model.albedo.rank());
@@ -101,7 +101,7 @@ impl Case {
         self.give(options, lean, |mut search| f(&mut search))
     }
 
-    fn give<T>(
+    pub(crate) fn give<T>(
         &self,
         options: Options<'_>,
         lean: bool,
