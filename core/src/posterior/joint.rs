@@ -9,7 +9,7 @@
 //! count, is taken over.
 //!
 //! - Rotations are uniform, and anything else is drawn as the priors say.
-//! - Landmarks: a t distribution of 8 degrees of freedom about where they are, the error of [`LANDMARK()`] pixels.
+//! - Landmarks: a t distribution of 8 degrees of freedom about where they are, of [`LANDMARK`] pixels.
 //! - The photo is a pattern, the same in all of them, plus one colour `y`. The density of `y` is
 //!   `exp −E_image` up to a constant, whatever that is: `y` is drawn from about a normal
 //!   distribution `q`, and scene and photo then weigh `w = exp(−E_image)/q(y)`. Most of those that weigh little

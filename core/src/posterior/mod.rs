@@ -1,11 +1,11 @@
 //! A sampler of the posterior around its mode.
 //!
-//! What is sampled is what the search for the mode lowers, with what pixels count held
-//! (`search/held.rs`).
+//! What is sampled is what the search for the mode lowers, with the points held that the photo shows at
+//! the mode (`search/held.rs`).
 //!
 //! States are `x = mode ⊕ u`: a rotation vector about the object's origin, places, logarithms of
 //! focal length and distance, coefficients, light and colours ([`crate::search::unknowns`]). In
-//! `v = U u`, where `A = UᵀU` is a Gauss–Newton matrix ([`Metric`]), the posterior is about a standard
+//! `v = U u`, where `A = UᵀU` is about the posterior's precision ([`Metric`]), it is about a standard
 //! normal, and trajectories ([`hamiltonian`]) go from one end of it to the other in a few turns.
 //!
 //! Chains begin with the Gauss–Newton matrix of the mode. In rounds of a warm-up, which is thrown away, each
@@ -93,7 +93,8 @@ impl<'a, 'w, const OTHERS: usize> Around<'a, 'w, OTHERS> {
         if n > MAX_UNKNOWNS {
             return Err(ChainError::Photos { found: 1 + OTHERS });
         }
-        let needed = matrix_words(n) + Held::words(&search) + 2 * n * places;
+        let surface = part.map_or(0, Part::surface_words);
+        let needed = matrix_words(n) + Held::words(&search) + surface + 2 * n * places;
         let error = ChainError::Memory { needed, found: memory.len() };
         let mut carver = Carver::new(memory);
         let factor = carver.floats(matrix_words(n)).ok_or(error)?;
@@ -275,8 +276,8 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
     /// normal distribution with the mode's metric. `memory` is [`words`] long.
     ///
     /// # Errors
-    /// [`ChainError::Memory`] if the memory is shorter, or the part another's; [`ChainError::Config`] of a mode that
-    /// nothing is seen of.
+    /// [`ChainError::Memory`] if the memory is shorter, or the part another's; [`ChainError::Config`] of
+    /// a mode that nothing is seen of.
     pub fn new(
         search: ModeSearch<'a, 'w, OTHERS>,
         part: &'a Part<'a>,
@@ -323,7 +324,7 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         math::exp(self.walk.ln_angle[1])
     }
 
-    /// Has it turn about so far.
+    /// Has it turn about so many radians at once, or as near that as is sensible.
     pub fn turn_by(&mut self, angle: f64) {
         self.walk.ln_angle = [math::ln(angle.clamp(ANGLES[0], ANGLES[1])); 2];
     }

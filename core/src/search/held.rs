@@ -11,8 +11,8 @@
 //! it no sampler. `W` is `Σa` of all pixels, for which those that are looked at stand. Pixels near a
 //! contour of the surface, where one part hides another or it ends, have none.
 //!
-//! The photo is seen through a lens that blurs by [`LENS`] pixels, and interpolated by cubic B-splines. So `E` is
-//! smooth, and [`Held::force`] its slope, in the coordinates of `chart.rs`. (With pixels that are held
+//! The photo is seen through a lens that blurs by [`LENS`] pixels, and interpolated by cubic B-splines. So
+//! `E` is smooth, and [`Held::force`] its slope, in the coordinates of `chart.rs`. (With pixels that are held
 //! while the surface moves under them it is not: where triangles are smaller than pixels colours jump,
 //! and contours come by.)
 
@@ -60,7 +60,7 @@ fn passing_words(vertices: usize, layout: Layout, size: [usize; 2]) -> usize {
 }
 
 /// Words of memory a [`Held`] needs besides its search's, of photos of so many columns and rows: of every
-/// pixel that is looked at three numbers and what a force needs, and of every pixel one to blur it.
+/// pixel that is looked at four numbers and what a force needs, and of every pixel one to blur it.
 pub(crate) fn held_words(
     vertices: usize,
     layout: Layout,
@@ -143,7 +143,7 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
     }
 
     /// Looks at nothing but a part of the model from now on, which the photos of this search show; `None` if
-    /// there is less memory than [`surface_words`], or it is another's part.
+    /// there is less memory than [`Part::surface_words`], or it is another's part.
     pub(crate) fn look_at(&mut self, part: &'a Part<'a>, carver: &mut Carver<'w>) -> Option<()> {
         for photo in &mut self.photos {
             for triangle in &mut *photo.triangles {

@@ -5,7 +5,7 @@
 
 use super::evidence::Evidence;
 use super::state::ModeSearch;
-use super::surface::at;
+use super::surface::{at, surface_words};
 use crate::basis::{Basis, LANES, padded};
 use crate::memory::Carver;
 use crate::model::{Model, Triangles};
@@ -97,6 +97,11 @@ impl<'m> Part<'m> {
         let (shape, albedo) = (half(&model.shape)?, half(&model.albedo)?);
         let model = Model::part(count as usize, shape, albedo, Triangles::U32(shown))?;
         Some(Self { model, numbers })
+    }
+
+    /// Words of memory that its surface needs.
+    pub(crate) fn surface_words(&self) -> usize {
+        surface_words(self.model.vertices(), self.model.triangles.len())
     }
 
     /// The part as a model.

@@ -18,7 +18,7 @@ use crate::math;
 use crate::memory::Carver;
 use crate::mesh::vertex_normals;
 use crate::model::Model;
-use crate::posterior::{Metric, Sampler, improve, improve_words};
+use crate::posterior::{self, Metric, Sampler, improve, improve_words};
 use crate::render::rasterize::Hit;
 use crate::rng::Rng;
 use crate::scene::Scene;
@@ -789,6 +789,24 @@ fn a_held_densitys_matrix_is_how_its_force_changes() {
 }
 
 #[test]
+fn a_sampler_says_how_much_memory_it_needs() {
+    let case = Case::new(4);
+    let begin = |words: usize| {
+        let mut found = Ok(());
+        case.give(Options::default(), false, |mut search| {
+            while search.step().is_some() {}
+            let mut shown = vec![0; part_words(search.common.problem.model)];
+            let part = Part::new(&mut search, &mut shown).unwrap();
+            found = Sampler::new(search, &part, 9, 1, 0, &mut vec![0; words]).map(|_| ());
+        });
+        found
+    };
+    let Err(ChainError::Memory { needed, found: 0 }) = begin(0) else { panic!() };
+    assert_eq!(begin(needed), Ok(()));
+    assert_eq!(begin(needed - 1), Err(ChainError::Memory { needed, found: needed - 1 }));
+}
+
+#[test]
 fn a_sampler_moves_and_repeats_itself() {
     let case = Case::new(4);
     let run = |chains: &[(u64, u32)]| -> Vec<u64> {
@@ -798,7 +816,9 @@ fn a_sampler_moves_and_repeats_itself() {
                 while search.step().is_some() {}
                 let mut shown = vec![0; part_words(search.common.problem.model)];
                 let part = Part::new(&mut search, &mut shown).unwrap();
-                let mut memory = vec![0; 1 << 20];
+                let problem = &search.common.problem;
+                let words = posterior::words(problem, &Options::default(), 200);
+                let mut memory = vec![0; words];
                 let mut chain =
                     Sampler::new(search, &part, 200, seed, stream, &mut memory).unwrap();
                 let n = chain.unknowns();
