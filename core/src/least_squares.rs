@@ -218,6 +218,29 @@ impl Equations for Slope<'_> {
     }
 }
 
+/// Equations in other coordinates, to which the function takes a row.
+pub(crate) struct Pulled<'s, 'm, F>(pub(crate) &'s mut System<'m>, pub(crate) F);
+
+impl<F: Fn(&mut [f32])> Equations for Pulled<'_, '_, F> {
+    fn pull(&mut self, i: usize, weight: f32, x: f32) {
+        let row = self.row();
+        row.fill(0.0);
+        if let Some(one) = row.get_mut(i) {
+            *one = 1.0;
+        }
+        self.add(weight, -x);
+    }
+
+    fn row(&mut self) -> &mut [f32] {
+        self.0.row()
+    }
+
+    fn add(&mut self, weight: f32, residual: f32) {
+        (self.1)(self.0.row());
+        self.0.add(weight, residual);
+    }
+}
+
 impl<'s> System<'s> {
     /// An empty system of `n` unknowns; `None` if the memory is shorter than [`system_words`].
     pub(crate) fn new(

@@ -5,8 +5,8 @@
 //! landmarks and photo as before: every statistic of them all has the same mean.
 //!
 //! Priors, landmarks, colours and the image term are computed here once more from their definitions
-//! (`face.rs`, `search/held/probe.rs`); of the code under test only which points are held, and what they
-//! count, is taken over.
+//! (`face.rs`, `search/held/probe.rs`); of the code under test only which points are held, what they
+//! count, and the slopes of the mode's picture are taken over.
 //!
 //! - Rotations are uniform, and anything else is drawn as the priors say.
 //! - Landmarks: a t distribution of 8 degrees of freedom about where they are, of [`LANDMARK`] pixels.
@@ -42,6 +42,9 @@ const LANDMARK: f32 = 60.0;
 const FREE: f32 = 200.0;
 /// The same of a colour channel.
 const PIXEL: f32 = 0.1;
+/// How steep the mode's picture is, as a multiple of what it is: so that scenes that move freely may still
+/// look like one photo.
+const FLAT: f32 = 0.03;
 /// How many independent pixels the picture is worth.
 const WORTH: f32 = 2.0;
 /// Logarithm of `c`.
@@ -123,34 +126,14 @@ impl Table {
         face.show(around.held.problem(), &self.naive, &self.landmarks)
     }
 
-    /// The pattern at a place, by cubic B-splines.
-    fn pattern_at(&self, [x, y]: [f64; 2]) -> f64 {
-        let last = (self.side - 1) as f64;
-        let taps = |x: f64| -> [(usize, f64); 4] {
-            let x = x.clamp(0.0, last);
-            from_fn(|k| {
-                let pixel = x.floor() + k as f64 - 1.0;
-                let off = (x - pixel).abs();
-                let weight = if off < 1.0 {
-                    2.0 / 3.0 - off * off + 0.5 * off * off * off
-                } else {
-                    (2.0 - off).max(0.0).powi(3) / 6.0
-                };
-                (pixel.clamp(0.0, last) as usize, weight)
-            })
-        };
-        let mut sum = 0.0;
-        for (row, k) in taps(y) {
-            sum +=
-                taps(x).map(|(x, l)| k * l * self.pattern[row * self.side + x]).iter().sum::<f64>();
-        }
-        sum
-    }
-
     /// What the points' colours lack of the pattern.
     fn lacking(&self, shown: &Shown) -> Vec<Vector> {
-        let all = shown.colors.iter().zip(&shown.places);
-        all.map(|(color, place)| color.map(|c| c - self.pattern_at(*place))).collect()
+        let all = self.naive.points.iter().zip(&shown.colors).zip(&shown.places);
+        let lacking = all.map(|((point, color), place)| {
+            let (moved, seen) = (point.moved(*place), self.pattern[point.pixel(self.side)]);
+            from_fn(|c| color[c] - moved[c] - seen)
+        });
+        lacking.collect()
     }
 
     fn image(&self, lacking: &[Vector], color: Vector) -> f64 {
@@ -434,6 +417,7 @@ fn drift(error: Error, landmark: f32, replicates: usize) -> Found {
         while search.step().is_some() {}
         let mut memory = vec![0; 1 << 20];
         let mut around = Around::new(search, None, 0, &mut memory).unwrap();
+        around.held.flatten(FLAT);
         let n = around.unknowns();
         let table = Table::new(&mut around);
         let planted = Planted { around, table, seen: Seen::default(), error, landmark };

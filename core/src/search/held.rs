@@ -1,20 +1,27 @@
 //! The posterior around a mode, with what the photo shows held as the mode has it.
 //!
-//! At the mode every third pixel of every third row shows some point of the surface: in a triangle, at
-//! some weights of its corners. These points are held, and followed wherever the surface goes:
+//! At the mode the pixel in the middle of a block of three by three shows some point of the surface: in a
+//! triangle, at some weights of its corners. These points are held, and followed wherever the surface goes:
 //!
-//! `E = priors + landmarks − W/Σa · 1/patch · Σ_p a_p ℓ_p`,
+//! `E = priors + landmarks − W/Σa · 1/patch · Σ_b a_b ℓ_b`,
 //!
-//! where `ℓ_p` is the log ratio of face and background, bounded, with shade (`image_term.rs`), of the
-//! difference between what the point looks like and the photo at the place where it now is. `a_p` is what
-//! the pixel counts at the mode, its mask included, and stays: a mask that followed the state would make
-//! it no sampler. `W` is `Σa` of all pixels, for which those that are looked at stand. Pixels near a
-//! contour of the surface, where one part hides another or it ends, have none.
+//! where `ℓ_b` is the log ratio of face and background, bounded, with shade (`image_term.rs`), of the block's
+//! mean square difference from the photo. As its point goes from looking like `c₀` to looking like `c`, and
+//! moves by `δ` pixels, the block's mean difference goes from `d` to
 //!
-//! The photo is seen through a lens that blurs by [`LENS`] pixels, and interpolated by cubic B-splines. So
-//! `E` is smooth, and [`Held::force`] its slope, in the coordinates of `chart.rs`. (With pixels that are held
-//! while the surface moves under them it is not: where triangles are smaller than pixels colours jump,
-//! and contours come by.)
+//! `d + c₀ + δ · s − c`:
+//!
+//! what comes in the point's place is told by the slopes `s` of the picture that the mode renders, on average
+//! over the block. How far its pixels' differences are from their mean stays. So `E` is smooth,
+//! [`Held::force`] is its slope in the coordinates of `chart.rs`, and at the mode it is about what the search
+//! follows (`gradient.rs`). `a_b` is the sum of what the block's pixels count at the mode, their mask included,
+//! and stays: a mask that followed the state would make it no sampler. `W` is `Σa` of all pixels, for which
+//! the blocks stand.
+//!
+//! What else was tried (docs/posterior.md): to render anew for every state (where triangles are smaller than
+//! pixels colours jump, and contours come by, so that chains stick), and to look at the photo where the point
+//! has moved to (which draws points to edges that are not theirs, so that the mean face is further from
+//! the truth than the mode).
 
 #[cfg(test)]
 pub(crate) mod probe;
@@ -31,36 +38,35 @@ use super::shading::Shading;
 use super::state::ModeSearch;
 use super::surface::{Surface, at};
 use super::unknowns::{Layout, MAX_PHOTOS};
-use super::vector::{Vec3, dot, sub};
+use super::vector::{Vec3, add, dot, scale, sub};
 use super::window::Window;
-use crate::least_squares::{Slope, System, system_words};
+use crate::least_squares::{Pulled, Slope, System, system_words};
 use crate::math;
 use crate::memory::Carver;
 use crate::render::rasterize::Hit;
 use crate::scene::{Subject, View};
 use core::ops::Range;
 
-/// Standard deviation of the lens's blur, pixels.
-const LENS: f32 = 2.0;
-/// How near a contour is, pixels.
-const NEAR: f32 = 2.0;
 /// Planes that a force needs of a photo.
-const PLANES: usize = 13;
+const PLANES: usize = 7;
+/// Words of what is held of a block.
+const HELD: usize = 4 + LOOK;
+/// Of these, of a [`Look`].
+const LOOK: usize = 10;
 
-/// Pixels that are looked at, of a photo with so many columns and rows.
-const fn looked_at([width, height]: [usize; 2]) -> usize {
+/// Blocks of a photo with so many columns and rows.
+const fn blocks([width, height]: [usize; 2]) -> usize {
     width.div_ceil(APART) * height.div_ceil(APART)
 }
 
 /// Words for what is needed in passing, of a photo of that size.
 fn passing_words(vertices: usize, layout: Layout, size: [usize; 2]) -> usize {
-    let [width, height] = size;
-    let force = PLANES * looked_at(size) + gradient_words(vertices, 0);
-    force.max(width * height).max(shades_words(layout.len(), width))
+    let force = PLANES * blocks(size) + gradient_words(vertices, 0);
+    force.max(shades_words(layout.len(), size[0]))
 }
 
 /// Words of memory a [`Held`] needs besides its search's, of photos of so many columns and rows: of every
-/// pixel that is looked at four numbers and what a force needs, and of every pixel one to blur it.
+/// block what is held, and what a force needs.
 pub(crate) fn held_words(
     vertices: usize,
     layout: Layout,
@@ -68,7 +74,7 @@ pub(crate) fn held_words(
 ) -> usize {
     let (mut own, mut passing) = (0, 0);
     for size in photos {
-        own += 4 * looked_at(size);
+        own += HELD * blocks(size);
         passing = passing.max(passing_words(vertices, layout, size));
     }
     chart_words(layout.albedo_rank) + own + passing
@@ -86,20 +92,45 @@ pub(crate) struct Held<'a, 'w, const OTHERS: usize> {
 /// What is held of a photo.
 struct Photo<'w> {
     origin: Origin,
-    /// Columns of the pixels that are looked at.
+    /// Columns of blocks.
     width: usize,
-    /// `a` of these pixels.
+    /// `a` of every block.
     counts: &'w mut [f32],
     /// `1/√G'a` of the shade's Gaussian.
     shares: &'w mut [f32],
-    /// Numbers of those that count, the points.
+    /// Numbers of the blocks that count; the triangles that their points are in; and what they look like.
     points: &'w mut [u32],
-    /// Triangles that these are in.
     triangles: &'w mut [u32],
+    looks: &'w mut [[f32; LOOK]],
+    /// How many count.
+    count: usize,
     /// Columns and rows of a box around them.
     face: [Range<usize>; 2],
     /// `W/Σa`.
     share: f32,
+}
+
+/// What is held of a block that counts.
+#[derive(Clone, Copy)]
+pub(crate) struct Look {
+    /// What its point should look like, `d + c₀`.
+    color: Vec3,
+    /// `s`, along x and y.
+    slopes: [Vec3; 2],
+    /// Log density under the background; and, for what its pixels' differences are apart from their mean,
+    /// half their square in units of the variance.
+    ln_background: f32,
+}
+
+impl Look {
+    fn pack(&self) -> [f32; LOOK] {
+        let ([r, g, b], [[rx, gx, bx], [ry, gy, by]]) = (self.color, self.slopes);
+        [r, g, b, rx, gx, bx, ry, gy, by, self.ln_background]
+    }
+
+    fn unpack(&[r, g, b, rx, gx, bx, ry, gy, by, ln_background]: &[f32; LOOK]) -> Self {
+        Self { color: [r, g, b], slopes: [[rx, gx, bx], [ry, gy, by]], ln_background }
+    }
 }
 
 impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
@@ -118,21 +149,18 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
         let subject = subject.clone();
         let mut photos = heapless::Vec::new();
         for evidence in search.evidence() {
-            let photo = Photo::carve(carver, evidence, &search.common, albedo)?;
+            let origin = Origin::new(evidence.view, albedo);
+            let photo = Photo::carve(carver, evidence, origin)?;
             photos.push(photo).ok()?;
         }
         let sizes = search.evidence().map(Evidence::size);
         let words = sizes.map(|size| passing_words(vertices, layout, size)).max()?;
         let scratch = carver.floats(words)?;
-        for (evidence, photo) in search.evidence_mut().zip(&mut photos) {
-            photo.find_shares(scratch);
-            let width = evidence.width();
-            for plane in &mut evidence.planes.photo {
-                picture::blur(plane, scratch, width, LENS);
-            }
-        }
         let Common { problem, subject: mode, surface, .. } = &mut search.common;
         surface.update(problem.model, problem.engine, mode);
+        for (evidence, photo) in search.evidence().zip(&mut photos) {
+            photo.hold(evidence, &search.common, scratch)?;
+        }
         Some(Self { search, subject, photos, chart, scratch })
     }
 
@@ -146,7 +174,7 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
     /// there is less memory than [`Part::surface_words`], or it is another's part.
     pub(crate) fn look_at(&mut self, part: &'a Part<'a>, carver: &mut Carver<'w>) -> Option<()> {
         for photo in &mut self.photos {
-            for triangle in &mut *photo.triangles {
+            for triangle in photo.triangles.iter_mut().take(photo.count) {
                 *triangle = part.number(*triangle as usize)? as u32;
             }
         }
@@ -160,7 +188,7 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
     /// and the factor's is then lost.
     pub(crate) fn factorise(&mut self, factor: &mut [f32]) -> Option<()> {
         let n = self.layout().len();
-        let Self { search, photos, chart, scratch, subject } = self;
+        let Self { search, photos, chart, scratch, subject, .. } = self;
         let ModeSearch { common, first, others, scratch: rows, passing, step, .. } = search;
         let normal_equations = common.problem.engine.normal_equations;
         let mut system = System::new(n, normal_equations, passing.get_mut(..system_words(n))?)?;
@@ -172,12 +200,12 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
                 chart.pull(row, common.layout, number, &photo.origin, at, 0.0);
             };
             let shades = Shades::new(n, evidence.width(), scratch)?;
-            let points = photo.points().map(|(point, _)| {
+            let points = photo.points().map(|(point, ..)| {
                 let a = at(photo.counts, point);
                 (photo.pixel(point), a, a * at(photo.shares, point))
             });
             evidence.add_whole(common, (points, photo.share), pull, rows, shades, &mut system);
-            evidence.add_landmarks_and_priors(common, &mut system);
+            evidence.add_landmarks_and_priors(common, &mut Pulled(&mut system, pull));
         }
         common.priors().add_of_subject(&common.subject, common.layout, &mut system);
         // So little that it is lost but where nothing is known.
@@ -264,53 +292,58 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
 }
 
 impl<'w> Photo<'w> {
-    /// Of evidence that has been judged, where the mean albedo is that.
-    fn carve(
-        carver: &mut Carver<'w>,
+    /// Takes the memory; `None` if there is too little.
+    fn carve(carver: &mut Carver<'w>, evidence: &Evidence<'_, '_>, origin: Origin) -> Option<Self> {
+        let size = evidence.size();
+        let all = blocks(size);
+        Some(Self {
+            origin,
+            width: size[0].div_ceil(APART),
+            counts: carver.floats(all)?,
+            shares: carver.floats(all)?,
+            points: carver.words(all)?,
+            triangles: carver.words(all)?,
+            looks: carver.groups(all)?,
+            count: 0,
+            face: [0..0, 0..0],
+            share: 0.0,
+        })
+    }
+
+    /// Holds what evidence that has been judged sees; `scratch` is as long as there are blocks.
+    fn hold(
+        &mut self,
         evidence: &Evidence<'_, '_>,
         common: &Common<'_, '_>,
-        albedo: [f32; 3],
-    ) -> Option<Self> {
-        let size = evidence.size();
-        let [columns, width] = [size[0], size[0].div_ceil(APART)];
-        let all = looked_at(size);
-        let [counts, shares] = [carver.floats(all)?, carver.floats(all)?];
-        let [points, triangles] = [carver.words(all)?, carver.words(all)?];
-        // What is near a contour is marked.
-        let marks = carver.scratch(columns * size[1])?;
-        marks.fill(0);
-        evidence.mark_contours(common, marks);
-        let weights = evidence.planes.weights.iter().zip(&*marks);
-        let whole: f32 =
-            weights.filter(|(a, mark)| **a > HARDLY && **mark == 0).map(|(a, _)| a).sum();
-        let (mut sum, mut count): (f32, _) = (0.0, 0);
-        counts.fill(0.0);
-        let (mut first, mut end) = ([usize::MAX; 2], [0; 2]);
-        for ([x, y], hit) in seen(evidence) {
-            let pixel = y * columns + x;
-            if at(marks, pixel) != 0 {
-                continue;
-            }
-            let place = [x / APART, y / APART];
-            let point = place[1] * width + place[0];
-            let weight = at(evidence.planes.weights, pixel);
-            set(counts, point, weight);
-            *points.get_mut(count)? = point as u32;
-            *triangles.get_mut(count)? = hit.triangle as u32;
-            sum += weight;
-            count += 1;
+        scratch: &mut [f32],
+    ) -> Option<()> {
+        let shading = Shading::new(&evidence.view);
+        let (mut least, mut end) = ([usize::MAX; 2], [0; 2]);
+        let mut sum = 0.0;
+        self.counts.fill(0.0);
+        self.count = 0;
+        for (pixel, hit) in seen(evidence) {
+            let (_, point) = common.point(&shading, &hit)?;
+            let (count, look) = evidence.look(common, pixel, point.color);
+            let place = pixel.map(|x| x / APART);
+            let number = place[1] * self.width + place[0];
+            set(self.counts, number, count);
+            *self.points.get_mut(self.count)? = number as u32;
+            *self.triangles.get_mut(self.count)? = hit.triangle as u32;
+            *self.looks.get_mut(self.count)? = look.pack();
+            self.count += 1;
+            sum += count;
             for axis in 0..2 {
-                first[axis] = first[axis].min(place[axis]);
+                least[axis] = least[axis].min(place[axis]);
                 end[axis] = end[axis].max(place[axis] + 1);
             }
         }
-        let (points, _) = points.split_at_mut_checked(count)?;
-        let (triangles, _) = triangles.split_at_mut_checked(count)?;
+        let whole: f32 = evidence.planes.weights.iter().filter(|a| **a > HARDLY).sum();
         // Nothing may be seen.
-        let face = [0, 1].map(|axis| first[axis].min(end[axis])..end[axis]);
-        let share = if sum > 0.0 { whole / sum } else { 0.0 };
-        let origin = Origin::new(evidence.view, albedo);
-        Some(Self { origin, width, counts, shares, points, triangles, face, share })
+        self.face = [0, 1].map(|axis| least[axis].min(end[axis])..end[axis]);
+        self.share = if sum > 0.0 { whole / sum } else { 0.0 };
+        self.find_shares(scratch);
+        Some(())
     }
 
     /// Computes the shade's shares of what counts.
@@ -330,20 +363,55 @@ impl<'w> Photo<'w> {
         picture::blur_box(plane, scratch, self.width, self.face.clone(), sd);
     }
 
-    /// Numbers of the points, and their triangles.
-    fn points(&self) -> impl Iterator<Item = (usize, usize)> {
-        let points = self.points.iter().zip(&*self.triangles);
-        points.map(|(point, triangle)| (*point as usize, *triangle as usize))
+    /// Of the blocks that count their numbers, triangles, and looks.
+    fn points(&self) -> impl Iterator<Item = (usize, usize, Look)> {
+        let points = self.points.iter().zip(&*self.triangles).zip(&*self.looks).take(self.count);
+        points.map(|((point, triangle), look)| {
+            (*point as usize, *triangle as usize, Look::unpack(look))
+        })
     }
 
-    /// The pixel that showed a point.
+    /// The pixel in the middle of a block.
     fn pixel(&self, point: usize) -> [usize; 2] {
         let width = self.width.max(1);
-        [APART * (point % width), APART * (point / width)]
+        [point % width, point / width].map(|x| APART * x + APART / 2)
     }
 }
 
 impl Evidence<'_, '_> {
+    /// What a block counts around a pixel whose point has that colour, and what is held of it.
+    fn look(&self, common: &Common<'_, '_>, [x, y]: [usize; 2], color: Vec3) -> (f32, Look) {
+        const HALF: usize = APART / 2;
+        let [width, height] = self.size();
+        let (mut count, mut ln_background, mut square): (f32, f32, f32) = (0.0, 0.0, 0.0);
+        let (mut difference, mut slopes) = ([0.0; 3], [[0.0; 3]; 2]);
+        for y in y - HALF..height.min(y + HALF + 1) {
+            for x in x - HALF..width.min(x + HALF + 1) {
+                let index = y * width + x;
+                let a = at(self.planes.weights, index);
+                if a > HARDLY {
+                    let own = self.difference(index);
+                    difference = add(difference, scale(own, a));
+                    square += a * dot(own, own);
+                    for (sum, slope) in slopes.iter_mut().zip(self.differences(x, y)) {
+                        *sum = add(*sum, scale(slope, a));
+                    }
+                    ln_background += a * at(self.planes.ln_background, index);
+                    count += a;
+                }
+            }
+        }
+        let k = 1.0 / count;
+        let mean = scale(difference, k);
+        let apart = 0.5 * (k * square - dot(mean, mean)) / (common.sd() * common.sd());
+        let look = Look {
+            color: add(color, mean),
+            slopes: slopes.map(|slope| scale(slope, k)),
+            ln_background: k * ln_background + apart,
+        };
+        (count, look)
+    }
+
     /// The image term of a surface; adds minus its derivative.
     fn held_energy(
         &self,
@@ -356,46 +424,42 @@ impl Evidence<'_, '_> {
         let (planes, memory) = memory.split_at_mut_checked(PLANES * counts.len())?;
         let mut planes = planes.chunks_exact_mut(counts.len().max(1));
         let mut plane = || planes.next();
-        let differences = [plane()?, plane()?, plane()?];
-        let mut slopes = [[plane()?, plane()?, plane()?], [plane()?, plane()?, plane()?]];
+        let mut differences = [plane()?, plane()?, plane()?];
         let [shade, other, weights, spare] = [plane()?, plane()?, plane()?, plane()?];
         let (shading, window) = (Shading::new(&self.view), Window::new(&self.view));
-        let look = |point: usize, triangle: usize| {
+        let show = |point: usize, triangle: usize| {
             let [x, y] = photo.pixel(point);
             let hit = Hit { triangle, ..self.frame.hit(x, y)? };
             Some((hit, common.point(&shading, &hit)?))
         };
-        let vector = |planes: &[&mut [f32]; 3], point: usize| {
+        let difference_of = |planes: &[&mut [f32]; 3], point: usize| {
             planes.each_ref().map(|plane| at(plane, point))
         };
         let most = shade_most(common.sd());
         let shaded = |difference: Vec3| mean(difference).max(-most).min(most);
         shade.fill(0.0);
         other.fill(0.0);
-        for (point, triangle) in photo.points() {
-            let (hit, (corners, looks)) = look(point, triangle)?;
-            let place = window.of(common.surface.place(corners, &hit));
-            let (seen, along) = picture::sample(&self.planes.photo, self.width(), place);
-            let difference = sub(seen, looks.color);
-            for c in 0..3 {
-                set(differences[c], point, difference[c]);
-                for (slopes, along) in slopes.iter_mut().zip(along) {
-                    set(slopes[c], point, along[c]);
-                }
+        for (point, triangle, look) in photo.points() {
+            let (hit, (corners, shown)) = show(point, triangle)?;
+            let [x, y] = window.of(common.surface.place(corners, &hit));
+            let pixel = photo.pixel(point);
+            let [right, down] = [x - pixel[0] as f32, y - pixel[1] as f32];
+            let moved = add(scale(look.slopes[0], right), scale(look.slopes[1], down));
+            let difference = sub(add(look.color, moved), shown.color);
+            for (plane, difference) in differences.iter_mut().zip(difference) {
+                set(plane, point, difference);
             }
             set(shade, point, at(counts, point) * at(shares, point) * shaded(difference));
         }
         photo.spread(shade, spare);
         let ln = LogRatio::new(common.sd());
         let mut sum = 0.0;
-        for (point, _) in photo.points() {
+        for (point, _, look) in photo.points() {
             let [a, own] = [at(counts, point), at(shares, point)];
-            let difference = vector(&differences, point);
+            let difference = difference_of(&differences, point);
             let shaded = shaded(difference);
             let taken = SHADE_SHARE * own * at(shade, point);
-            let [x, y] = photo.pixel(point);
-            let background = at(self.planes.ln_background, y * self.width() + x);
-            let ratio = ln.of(difference, background) + ln.of_shade(shaded * taken);
+            let ratio = ln.of(difference, look.ln_background) + ln.of_shade(shaded * taken);
             let (ratio, face) = bounded(ratio);
             sum += f64::from(a * ratio);
             set(shade, point, taken);
@@ -405,69 +469,19 @@ impl Evidence<'_, '_> {
         // What points' shade takes from that of others.
         photo.spread(other, spare);
         let unit = share * common.pixel_weight();
-        let pixels = photo.points().filter_map(|(point, triangle)| {
-            let (_, (corners, looks)) = look(point, triangle)?;
+        let pixels = photo.points().filter_map(|(point, triangle, look)| {
+            let (_, (corners, shown)) = show(point, triangle)?;
             let [a, own] = [at(counts, point), at(shares, point)];
-            let (difference, weight) = (vector(&differences, point), at(weights, point));
+            let (difference, weight) = (difference_of(&differences, point), at(weights, point));
             let all = mean(difference).abs() < most;
             let other = SHADE_SHARE * own * at(other, point);
             let taken = if all { 0.5 * (weight * at(shade, point) + a * other) } else { 0.0 };
             let cost = difference.map(|d| unit * (weight * d - taken));
-            let adjoint = shading.adjoint(&looks, cost);
-            let by_place = slopes.each_ref().map(|slopes| -dot(cost, vector(slopes, point)));
-            Some(Pixel { corners, weights: looks.weights, adjoint, by_place })
+            let adjoint = shading.adjoint(&shown, cost);
+            let by_place = look.slopes.map(|slope| -dot(cost, slope));
+            Some(Pixel { corners, weights: shown.weights, adjoint, by_place })
         });
         self.add_gradient_of(common, memory, gradient, pixels);
         Some(-f64::from(share / common.patch()) * sum)
-    }
-
-    /// Marks the pixels near a contour.
-    fn mark_contours(&self, common: &Common<'_, '_>, marks: &mut [u32]) {
-        let triangles = common.problem.model.triangles;
-        let place = |v: usize| {
-            let [x, y, ..] = at(self.window, v);
-            [x, y]
-        };
-        let area = |corners: [usize; 3]| {
-            let [a, b, c] = corners.map(place);
-            (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
-        };
-        for corners in (0..triangles.len()).filter_map(|t| triangles.get(t)) {
-            let [a, b, c] = corners.map(|v| v as usize);
-            let own = area([a, b, c]);
-            for edge in [[a, b], [b, c], [c, a]] {
-                let (mut faces, mut turned) = (0, false);
-                for face in common.surface.faces_of(triangles, edge) {
-                    faces += 1;
-                    turned |= own * area(face) < 0.0;
-                }
-                if faces == 1 || turned {
-                    mark_along(edge.map(place), marks, self.size());
-                }
-            }
-        }
-    }
-}
-
-/// Marks what is [`NEAR`] a line in the window.
-fn mark_along([from, to]: [[f32; 2]; 2], marks: &mut [u32], [width, height]: [usize; 2]) {
-    let way = [to[0] - from[0], to[1] - from[1]];
-    let square = (way[0] * way[0] + way[1] * way[1]).max(f32::MIN_POSITIVE);
-    let range = |axis: usize, end: usize| {
-        let (low, high) = (from[axis].min(to[axis]), from[axis].max(to[axis]));
-        let clamp = |x: f32| x.max(0.0).min(end as f32) as usize;
-        clamp(low - NEAR)..clamp(high + NEAR + 1.0)
-    };
-    for y in range(1, height) {
-        for x in range(0, width) {
-            let off = [x as f32 - from[0], y as f32 - from[1]];
-            let along = (off[0] * way[0] + off[1] * way[1]) / square;
-            let along = along.clamp(0.0, 1.0);
-            let rest = [off[0] - along * way[0], off[1] - along * way[1]];
-            let near = rest[0] * rest[0] + rest[1] * rest[1] < NEAR * NEAR;
-            if let Some(mark) = marks.get_mut(y * width + x).filter(|_| near) {
-                *mark = 1;
-            }
-        }
     }
 }

@@ -14,7 +14,7 @@ use bytemuck::try_cast_slice_mut;
 
 /// What a pixel counts at least, or it does not.
 pub(super) const HARDLY: f32 = 0.01;
-/// Pixels from one that is looked at to the next, along both axes.
+/// Columns and rows of a block of pixels that one point of the surface stands for.
 pub(super) const APART: usize = 3;
 /// Number of a triangle or vertex that is left out.
 const NONE: u32 = u32::MAX;
@@ -22,12 +22,13 @@ const NONE: u32 = u32::MAX;
 const WANTED: u32 = 1;
 const AROUND: u32 = 2;
 
-/// The pixels that are looked at and may count, with what they show.
+/// The pixels in the middles of blocks that may count, with what they show.
 pub(super) fn seen(evidence: &Evidence<'_, '_>) -> impl Iterator<Item = ([usize; 2], Hit)> {
+    const FIRST: usize = APART / 2;
     let [width, height] = evidence.size();
-    let all = (0..height)
+    let all = (FIRST..height)
         .step_by(APART)
-        .flat_map(move |y| (0..width).step_by(APART).map(move |x| [x, y]));
+        .flat_map(move |y| (FIRST..width).step_by(APART).map(move |x| [x, y]));
     all.filter_map(move |[x, y]| {
         let counts = at(evidence.planes.weights, y * width + x) > HARDLY;
         Some(([x, y], evidence.frame.hit(x, y).filter(|_| counts)?))

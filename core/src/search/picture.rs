@@ -1,6 +1,5 @@
 //! The photo as planes of numbers, at the resolution a level of the search looks at.
 
-use super::vector::{Vec3, add as add3, scale};
 use crate::likelihood::background::{BINS, HISTOGRAM_LEN, bin};
 use crate::math;
 use core::ops::Range;
@@ -108,62 +107,6 @@ fn add(to: &mut [f32], from: &[f32], tap: f32) {
     for (to, from) in to.iter_mut().zip(from) {
         *to += tap * from;
     }
-}
-
-/// A photo of `width`-long rows at a place between its pixels, by cubic B-splines, and its slopes along
-/// x and y. Beyond its border it goes on as it is there.
-pub(super) fn sample(
-    [r, g, b]: &[&mut [f32]; 3],
-    width: usize,
-    [x, y]: [f32; 2],
-) -> (Vec3, [Vec3; 2]) {
-    let height = r.len().checked_div(width).unwrap_or(0);
-    let along = |x: f32, count: usize| {
-        let (last, inside) = (count.saturating_sub(1), x.max(0.0));
-        let inside = inside.min(last as f32);
-        let first = inside as usize;
-        let (values, mut slopes) = spline(inside - first as f32);
-        if inside != x {
-            slopes = [0.0; 4];
-        }
-        let taps = core::array::from_fn(|i| (first + i).saturating_sub(1).min(last));
-        (taps, values, slopes)
-    };
-    let (columns, across, slopes_across): ([usize; 4], _, _) = along(x, width);
-    let (rows, down, slopes_down): ([usize; 4], _, _) = along(y, height);
-    let (mut value, mut slopes) = ([0.0; 3], [[0.0; 3]; 2]);
-    for ((row, k), k_slope) in rows.into_iter().zip(down).zip(slopes_down) {
-        let (mut line, mut line_slope) = ([0.0; 3], [0.0; 3]);
-        for ((column, k), k_slope) in columns.into_iter().zip(across).zip(slopes_across) {
-            let index = row * width + column;
-            let color = [r, g, b].map(|plane| plane.get(index).copied().unwrap_or(0.0));
-            line = add3(line, scale(color, k));
-            line_slope = add3(line_slope, scale(color, k_slope));
-        }
-        value = add3(value, scale(line, k));
-        slopes[0] = add3(slopes[0], scale(line_slope, k));
-        slopes[1] = add3(slopes[1], scale(line, k_slope));
-    }
-    (value, slopes)
-}
-
-/// Weights of the pixel before, of those on both sides of a place `t` of the way from one to the next,
-/// and of the one after, and how they change with `t`.
-fn spline(t: f32) -> ([f32; 4], [f32; 4]) {
-    let (u, square) = (1.0 - t, t * t);
-    let values = [
-        u * u * u / 6.0,
-        (4.0 + square * (3.0 * t - 6.0)) / 6.0,
-        (1.0 + 3.0 * (t + square - square * t)) / 6.0,
-        square * t / 6.0,
-    ];
-    let slopes = [
-        -0.5 * u * u,
-        0.5 * t * (3.0 * t - 4.0),
-        0.5 * (1.0 + 2.0 * t - 3.0 * square),
-        0.5 * square,
-    ];
-    (values, slopes)
 }
 
 /// Share of a colour nobody has seen that the background may yet have.

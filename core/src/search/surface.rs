@@ -9,7 +9,7 @@ use crate::basis::padded;
 use crate::engine::{Engine, Quad};
 use crate::math;
 use crate::memory::Carver;
-use crate::model::{Model, Triangles};
+use crate::model::Model;
 use crate::render::rasterize::Hit;
 use crate::scene::Subject;
 
@@ -109,20 +109,6 @@ impl<'w> Surface<'w> {
         let [a, b, c] = corners.map(|v| xyz(at(self.positions, v)));
         let [second, third] = hit.weights;
         add(a, add(scale(sub(b, a), second), scale(sub(c, a), third)))
-    }
-
-    /// The faces of an edge.
-    pub(super) fn faces_of<'t>(
-        &'t self,
-        triangles: Triangles<'t>,
-        [from, to]: [usize; 2],
-    ) -> impl Iterator<Item = [usize; 3]> + 't {
-        let range = at(self.starts, from) as usize..at(self.starts, from + 1) as usize;
-        let around = self.around.get(range).unwrap_or_default().iter();
-        let faces = around.filter_map(move |&face| triangles.get(face as usize));
-        faces
-            .map(|corners| corners.map(|v| v as usize))
-            .filter(move |corners| corners.contains(&to))
     }
 
     /// Passes what a vertex's normal costs several functions back to the positions around it: calls

@@ -18,6 +18,24 @@ pub(crate) struct Point {
     share: f64,
     /// Other points, and `G'` between.
     around: Vec<(usize, f64)>,
+    /// The pixel that showed it, and the slopes of the mode's picture in its block.
+    pixel: [usize; 2],
+    slopes: [Vec3; 2],
+}
+
+impl Point {
+    /// Number of its pixel, of rows so long.
+    pub(crate) fn pixel(&self, width: usize) -> usize {
+        self.pixel[1] * width + self.pixel[0]
+    }
+
+    /// By how much it should look different once it has moved to a place.
+    pub(crate) fn moved(&self, place: [f64; 2]) -> [f64; 3] {
+        let off: [f64; 2] = core::array::from_fn(|axis| place[axis] - self.pixel[axis] as f64);
+        core::array::from_fn(|c| {
+            off.iter().zip(self.slopes).map(|(off, slope)| off * f64::from(slope[c])).sum()
+        })
+    }
 }
 
 /// What is held of a photo.
@@ -52,12 +70,21 @@ impl<'a> Held<'a, '_, 0> {
         self.search.first.landmarks.observe(places);
     }
 
-    /// Has the photo, as the lens shows it, show that at a pixel of this number.
+    /// Has blocks show that, around the pixel of this number.
     pub(crate) fn show(&mut self, color: impl Fn(usize) -> Vec3) {
-        for (c, plane) in self.search.first.planes.photo.iter_mut().enumerate() {
-            for (index, value) in plane.iter_mut().enumerate() {
-                *value = color(index)[c];
-            }
+        let (width, photo) = (self.search.first.width(), &mut self.photos[0]);
+        for number in 0..photo.count {
+            let [x, y] = photo.pixel(photo.points[number] as usize);
+            let look = Look::unpack(&photo.looks[number]);
+            photo.looks[number] = Look { color: color(y * width + x), ..look }.pack();
+        }
+    }
+
+    /// Has the mode's picture be so many times as steep.
+    pub(crate) fn flatten(&mut self, k: f32) {
+        for packed in self.photos.iter_mut().flat_map(|photo| photo.looks.iter_mut()) {
+            let look = Look::unpack(packed);
+            *packed = Look { slopes: look.slopes.map(|slope| slope.map(|x| k * x)), ..look }.pack();
         }
     }
 
@@ -67,7 +94,7 @@ impl<'a> Held<'a, '_, 0> {
         let config = &self.search.common.problem.config;
         let mut places = Vec::new();
         let mut points = Vec::new();
-        for (number, _) in photo.points() {
+        for (number, _, look) in photo.points() {
             let [x, y] = photo.pixel(number);
             places.push([x / APART, y / APART]);
             let hit = evidence.frame.hit(x, y).unwrap();
@@ -77,9 +104,11 @@ impl<'a> Held<'a, '_, 0> {
                 corners: corners.map(|v| v as usize),
                 weights: [1.0 - second - third, second, third],
                 count: f64::from(at(photo.counts, number)),
-                ln_background: f64::from(evidence.planes.ln_background[y * evidence.width() + x]),
+                ln_background: f64::from(look.ln_background),
                 share: 0.0,
                 around: Vec::new(),
+                pixel: [x, y],
+                slopes: look.slopes,
             });
         }
         let sd = f64::from(SHADE) / APART as f64;
