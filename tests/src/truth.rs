@@ -12,16 +12,14 @@ pub fn rms<'a>(pairs: impl Iterator<Item = (&'a f32, &'a f32)>, per: usize) -> f
     (sum / (count / per).max(1) as f64).sqrt()
 }
 
-/// Root mean square vertex distance, mm, after the best rotation and translation, and after the
-/// best similarity, which also scales: a single picture does not show how large a face is.
+/// Points after the best rotation and translation onto others, and after the best similarity, which also
+/// scales: a single picture does not show how large a face is.
 ///
 /// # Panics
 /// Without points, or with points that are not finite.
-pub fn distances_after_alignment(moving: &[[f32; 3]], fixed: &[[f32; 3]]) -> [f64; 2] {
+pub fn aligned(moving: &[[f32; 3]], fixed: &[[f32; 3]]) -> [Vec<[f32; 3]>; 2] {
     let motion = Rigid::between(moving, fixed).expect("points that are finite");
     let moved: Vec<_> = moving.iter().map(|&p| motion.apply(p)).collect();
-    let distance =
-        |moved: &[[f32; 3]]| rms(moved.as_flattened().iter().zip(fixed.as_flattened()), 3);
     // Both have their centre at the same place.
     let centre: [f32; 3] = std::array::from_fn(|i| {
         (moved.iter().map(|p| f64::from(p[i])).sum::<f64>() / moved.len() as f64) as f32
@@ -34,11 +32,20 @@ pub fn distances_after_alignment(moving: &[[f32; 3]], fixed: &[[f32; 3]]) -> [f6
         }
     }
     let scale = (across / own) as f32;
-    let scaled: Vec<[f32; 3]> = moved
+    let scaled = moved
         .iter()
         .map(|p| std::array::from_fn(|i| centre[i] + scale * (p[i] - centre[i])))
         .collect();
-    [distance(&moved), distance(&scaled)]
+    [moved, scaled]
+}
+
+/// Root mean square vertex distance, mm, after both.
+///
+/// # Panics
+/// Without points, or with points that are not finite.
+pub fn distances_after_alignment(moving: &[[f32; 3]], fixed: &[[f32; 3]]) -> [f64; 2] {
+    aligned(moving, fixed)
+        .map(|moved| rms(moved.as_flattened().iter().zip(fixed.as_flattened()), 3))
 }
 
 #[cfg(test)]

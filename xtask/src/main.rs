@@ -2,6 +2,7 @@
 
 mod bench;
 mod c;
+mod calibration;
 mod determinism;
 mod device;
 mod fuzz;
@@ -102,6 +103,12 @@ const COMMANDS: &[Command] = &[
         usage: "rough [DIR]",
         about: "fits rough pictures of the sixty people: how near the truth, how well told apart",
         run: rough::run,
+    },
+    Command {
+        name: "calibration",
+        usage: "calibration [--faces N] [--patch N] [DIR]",
+        about: "samples posteriors of known truth: how often their intervals hold it",
+        run: calibration::run,
     },
     Command {
         name: "bench",

@@ -7,8 +7,9 @@ use std::path::PathBuf;
 /// Where a set too large for the repository lies beside it.
 const BESIDE: &str = "../shared/data/rough";
 
-/// The command: the test fits all pictures of the directory and prints what they come to.
-pub(crate) fn run(arguments: &[String]) -> Outcome {
+/// The directory of pictures that arguments name, or the one beside; `None`, which is said, if that is
+/// not there.
+pub(crate) fn directory(arguments: &[String]) -> Result<Option<PathBuf>, String> {
     let directory = match arguments {
         [] => root().join(BESIDE),
         [directory] => PathBuf::from(directory),
@@ -21,10 +22,15 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
                 directory.display()
             ));
         }
-        println!("skipped: no {}; cargo xtask rough DIR names another", directory.display());
-        return Ok(());
+        println!("skipped: no {}; name another directory of pictures", directory.display());
+        return Ok(None);
     }
-    let directory = directory.canonicalize().map_err(|e| e.to_string())?;
+    directory.canonicalize().map(Some).map_err(|e| e.to_string())
+}
+
+/// The command: the test fits all pictures of the directory and prints what they come to.
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    let Some(directory) = directory(arguments)? else { return Ok(()) };
     let test = ["test", "--release", "--package", "onescan-tests", "--test", "rough"];
     sh(cargo(test).args(["--", "--nocapture"]).env("ONESCAN_ROUGH", directory))
 }
