@@ -12,6 +12,9 @@ pub(crate) const FITS: [&str; 2] = ["fingerprint", "search"];
 /// What tests/tests/golden.rs and device.rs look at: they write what they otherwise compare.
 const WRITE: &str = "ONESCAN_GOLDEN";
 
+/// The core's test that draws how often the truth is at which rank, and what tells it where.
+const RANKS: (&str, &str) = ("the_truth_is_at_any_rank", "ONESCAN_RANKS");
+
 /// The command. The models stay unless asked for: they are large, and rarely the reason.
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     // The device's inputs are compiled in, so its results are another run's.
@@ -25,7 +28,11 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     for (name, what) in runs {
         sh(cargo(test).arg(name).env(WRITE, what))?;
     }
-    println!("now read `git diff --stat fixtures`, and say in the commit why they changed");
+    if arguments.is_empty() {
+        let test = ["test", "--release", "--package", "onescan-core", "--lib", RANKS.0];
+        sh(cargo(test).env(RANKS.1, root().join("docs/ranks.svg")))?;
+    }
+    println!("now read `git diff --stat fixtures docs`, and say in the commit why they changed");
     Ok(())
 }
 

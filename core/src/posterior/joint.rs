@@ -21,6 +21,7 @@
 
 mod face;
 mod quadrature;
+mod ranks;
 
 use super::hamiltonian::Field;
 use super::{Around, Metric, Walk, ln_haar};
@@ -405,8 +406,8 @@ fn adapt(walk: &mut Walk<Planted<'_, '_>>, rng: &mut Rng) {
     walk.target.0.around.metric.change(&Metric::new(n, factor.as_chunks_mut().0).unwrap());
 }
 
-/// The largest drift of all statistics from exact draws on.
-fn drift(error: Error, landmark: f32, replicates: usize) -> Found {
+/// What is done with a walk that has an error, and whose landmarks are so wide.
+fn with(error: Error, landmark: f32, f: impl FnOnce(&mut Walk<Planted<'_, '_>>, &mut Rng)) {
     let mut case = Case::new(4);
     case.config.landmark_sd = landmark;
     case.config.pixel_sd = PIXEL;
@@ -424,16 +425,28 @@ fn drift(error: Error, landmark: f32, replicates: usize) -> Found {
         let mut walk = Walk::new(planted, n, Rng::new(SEED, 1)).unwrap();
         let mut rng = Rng::new(SEED, 0);
         adapt(&mut walk, &mut rng);
-        let (mut sums, mut accepted) = (Vec::new(), 0);
-        let mut weights = [0.0; 2];
+        f(&mut walk, &mut rng);
+    });
+}
+
+/// Statistics of a walk's state.
+fn statistics_of(walk: &Walk<Planted<'_, '_>>) -> Vec<f64> {
+    let face = Face::at(&walk.target.0.around, &walk.state.position);
+    statistics(&walk.target.0, &face)
+}
+
+/// The largest drift of all statistics from exact draws on.
+fn drift(error: Error, landmark: f32, replicates: usize) -> Found {
+    let (mut sums, mut accepted) = (Vec::new(), 0);
+    let mut weights = [0.0; 2];
+    with(error, landmark, |walk, rng| {
         for _ in 0..replicates {
-            let drawn = draw(&walk.target.0, &mut rng);
-            go(&mut walk, &drawn);
+            let drawn = draw(&walk.target.0, rng);
+            go(walk, &drawn);
             let Drawn { face, weight, .. } = drawn;
             let before = statistics(&walk.target.0, &face);
-            accepted += u32::from(self::step(&mut walk));
-            let face = Face::at(&walk.target.0.around, &walk.state.position);
-            let after = statistics(&walk.target.0, &face);
+            accepted += u32::from(self::step(walk));
+            let after = statistics_of(walk);
             sums.resize(before.len(), [0.0; 2]);
             for (sum, (after, before)) in sums.iter_mut().zip(after.iter().zip(&before)) {
                 let change = weight * (after - before);
@@ -441,16 +454,16 @@ fn drift(error: Error, landmark: f32, replicates: usize) -> Found {
             }
             weights = [weights[0] + weight, weights[1] + weight * weight];
         }
-        assert!(sums.iter().all(|[_, squares]| *squares > 0.0));
-        let count = replicates as f64;
-        let z = |[sum, squares]: [f64; 2]| sum.abs() / (squares - sum * sum / count).sqrt();
-        Found {
-            z: sums.iter().map(|sum| z(*sum)).fold(0.0, f64::max),
-            statistics: sums.len(),
-            accepted: f64::from(accepted) / count,
-            effective: weights[0] * weights[0] / (weights[1] * count),
-        }
-    })
+    });
+    assert!(sums.iter().all(|[_, squares]| *squares > 0.0));
+    let count = replicates as f64;
+    let z = |[sum, squares]: [f64; 2]| sum.abs() / (squares - sum * sum / count).sqrt();
+    Found {
+        z: sums.iter().map(|sum| z(*sum)).fold(0.0, f64::max),
+        statistics: sums.len(),
+        accepted: f64::from(accepted) / count,
+        effective: weights[0] * weights[0] / (weights[1] * count),
+    }
 }
 
 /// Standard errors beyond which a drift is no chance: of the 284 statistics one is in 6,000 seeds.
