@@ -383,9 +383,10 @@ impl Fit {
     }
 
     fn write_several(&self, fits: Vec<Finished>, provenance: &str, console: Console) -> Result<()> {
+        let names = self.names();
         let mut results = Vec::new();
         for (i, result) in fits.into_iter().enumerate() {
-            let folder = self.folder(i);
+            let folder = names.folder(i);
             let directory = self.output.join(&folder);
             output_directory(&directory)?;
             output::write(&directory, &result)?;
@@ -401,18 +402,6 @@ impl Fit {
             output::clear(&self.output, &first.summary, false)?;
         }
         self.write_report(&page, console)
-    }
-
-    /// Where a photo's files go: a folder named like it, numbered if another photo is called the same.
-    fn folder(&self, number: usize) -> String {
-        let stem =
-            |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let own = stem(&self.images[number]);
-        let mut others = self.images.iter().enumerate().filter(|(i, _)| *i != number);
-        if others.any(|(_, path)| stem(path) == own) {
-            return format!("{}-{own}", number + 1);
-        }
-        own
     }
 
     fn names(&self) -> Names {

@@ -14,8 +14,8 @@ pub(crate) fn most_steps() -> u64 {
     search::LEVELS.iter().map(|level| u64::from(level.iterations)).sum()
 }
 
-/// Room for photos besides the first; a page fits one, and is small.
-pub(crate) const OTHERS: usize = if cfg!(feature = "full") { MAX_PHOTOS - 1 } else { 0 };
+/// Room for photos besides the first.
+pub(crate) const OTHERS: usize = MAX_PHOTOS - 1;
 
 /// A search on its way, and its trace.
 pub struct Searching<'a, 'w> {

@@ -5,10 +5,8 @@ use crate::error::{Error, Result};
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
 use crate::fit::rps::Rps;
-#[cfg(feature = "full")]
-use crate::fit::summary::Summaries;
 use crate::fit::summary::{
-    BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summary, hex,
+    BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summaries, Summary, hex,
 };
 use crate::mesh::Mesh;
 use crate::mesh::glb;
@@ -56,6 +54,21 @@ pub struct Names {
     pub model: String,
     /// Of the photos of one subject.
     pub photos: Vec<PhotoNames>,
+}
+
+impl Names {
+    /// Where the files of one of several photos go: a folder named like it, numbered if another photo
+    /// is called the same. Nowhere if there is no such photo.
+    pub fn folder(&self, photo: usize) -> String {
+        fn stem(names: &PhotoNames) -> &str {
+            names.image.rsplit_once('.').map_or(&names.image, |(stem, _)| stem)
+        }
+        let own = self.photos.get(photo).map(stem).unwrap_or_default();
+        if self.photos.iter().filter(|names| stem(names) == own).count() > 1 {
+            return format!("{}-{own}", photo + 1);
+        }
+        own.to_owned()
+    }
 }
 
 /// What a photo's files are called.
@@ -326,13 +339,9 @@ pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
         scene: result.summary.parameters.clone(),
         model_uri: result.summary.model.file.clone(),
     };
-    let mut mesh = Vec::new();
-    ply::write(&mut mesh, &result.mesh, Encoding::default()).map_err(Error::new)?;
     let mut files = vec![
         ("fit.json", result.summary.to_json()?.into_bytes()),
         ("fit.rps", rps.to_text()?.into_bytes()),
-        ("mesh.ply", mesh),
-        ("mesh.glb", glb::encode(&result.mesh, "fitted face")?),
         ("overlay.png", result.pictures.overlay().to_png()?),
         ("photo.png", result.pictures.whole.to_png()?),
         ("landmarks.png", result.pictures.landmarks().to_png()?),
@@ -342,7 +351,14 @@ pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
         files.push((mask_name, masked.mask.to_png()?));
         files.push((behind_name, behind.to_png()?));
     }
+    files.extend(meshes(&result.mesh)?);
     Ok(files)
+}
+
+fn meshes(mesh: &Mesh) -> Result<[(&'static str, Vec<u8>); 2]> {
+    let mut ply = Vec::new();
+    ply::write(&mut ply, mesh, Encoding::default()).map_err(Error::new)?;
+    Ok([("mesh.ply", ply), ("mesh.glb", glb::encode(mesh, "fitted face")?)])
 }
 
 /// What fits to several photos of one subject leave behind besides each fit's [`files`]: the face, and
@@ -350,13 +366,11 @@ pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
 ///
 /// # Errors
 /// None for fits that [`finish`] made.
-#[cfg(feature = "full")]
 pub fn files_of_all(results: &[Finished]) -> Result<Vec<(&'static str, Vec<u8>)>> {
     let fits = results.iter().map(|result| result.summary.clone()).collect();
     let mut all = vec![("summary.json", Summaries { fits }.to_json()?.into_bytes())];
     if let Some(first) = results.first() {
-        let files = files(first)?;
-        all.extend(files.into_iter().filter(|(name, _)| name.starts_with("mesh.")));
+        all.extend(meshes(&first.mesh)?);
     }
     Ok(all)
 }

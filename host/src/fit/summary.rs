@@ -279,6 +279,11 @@ impl Summary {
     pub fn to_json(&self) -> Result<String> {
         json::to_text(self)
     }
+
+    /// Whether it is of chains and not of a search. A web page runs none, and has no code for them.
+    pub(crate) fn is_of_chains(&self) -> bool {
+        cfg!(feature = "full") && self.mode.is_none()
+    }
 }
 
 impl Summaries {

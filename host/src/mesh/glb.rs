@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use onescan_core::math;
-use serde_json::json;
+use serde_json::Value;
 
 /// glTF's names for what the buffers hold.
 mod gl {
@@ -44,52 +44,48 @@ pub fn encode(mesh: &Mesh, name: &str) -> Result<Vec<u8>> {
     let mut views = Vec::new();
     for (i, part) in parts.into_iter().enumerate() {
         let target = if i == 3 { gl::ELEMENT_ARRAY_BUFFER } else { gl::ARRAY_BUFFER };
-        views.push(json!({
-            "buffer": 0, "byteOffset": binary.len(), "byteLength": part.len(), "target": target,
-        }));
+        views.push(format!(
+            r#"{{"buffer":0,"byteLength":{},"byteOffset":{},"target":{target}}}"#,
+            part.len(),
+            binary.len()
+        ));
         binary.extend_from_slice(part);
     }
     // Doubles, so that the decimals are those of exactly these floats.
     let bound = |pick: fn(f32, f32) -> f32| {
         [0, 1, 2].map(|i| f64::from(points.iter().map(|p| p[i]).fold(points[0][i], pick)))
     };
-    let count = points.len();
-    let document = json!({
-        "asset": {
-            "version": "2.0",
-            "generator": concat!("onescan ", env!("CARGO_PKG_VERSION")),
-        },
-        "scene": 0,
-        "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "name": name, "mesh": 0 }],
-        "meshes": [{ "name": name, "primitives": [{
-            "attributes": { "POSITION": 0, "NORMAL": 1, "COLOR_0": 2 },
-            "indices": 3,
-            "material": 0,
-        }] }],
-        "materials": [{
-            "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 },
-            "doubleSided": true,
-        }],
-        "accessors": [
-            {
-                "bufferView": 0, "componentType": gl::FLOAT, "type": "VEC3", "count": count,
-                "min": bound(f32::min), "max": bound(f32::max),
-            },
-            { "bufferView": 1, "componentType": gl::FLOAT, "type": "VEC3", "count": count },
-            {
-                "bufferView": 2, "componentType": gl::UNSIGNED_SHORT, "normalized": true,
-                "type": "VEC4", "count": count,
-            },
-            {
-                "bufferView": 3, "componentType": gl::UNSIGNED_INT, "type": "SCALAR",
-                "count": 3 * mesh.triangles.len(),
-            },
-        ],
-        "bufferViews": views,
-        "buffers": [{ "byteLength": binary.len() }],
-    });
-    let mut text = document.to_string().into_bytes();
+    let text = format!(
+        concat!(
+            r#"{{"accessors":["#,
+            r#"{{"bufferView":0,"componentType":{float},"count":{count},"max":{max:?},"min":{min:?},"#,
+            r#""type":"VEC3"}},"#,
+            r#"{{"bufferView":1,"componentType":{float},"count":{count},"type":"VEC3"}},"#,
+            r#"{{"bufferView":2,"componentType":{short},"count":{count},"normalized":true,"#,
+            r#""type":"VEC4"}},"#,
+            r#"{{"bufferView":3,"componentType":{int},"count":{corners},"type":"SCALAR"}}],"#,
+            r#""asset":{{"generator":"onescan {version}","version":"2.0"}},"#,
+            r#""bufferViews":[{views}],"buffers":[{{"byteLength":{bytes}}}],"#,
+            r#""materials":[{{"doubleSided":true,"#,
+            r#""pbrMetallicRoughness":{{"metallicFactor":0.0,"roughnessFactor":1.0}}}}],"#,
+            r#""meshes":[{{"name":{name},"primitives":[{{"#,
+            r#""attributes":{{"COLOR_0":2,"NORMAL":1,"POSITION":0}},"indices":3,"material":0}}]}}],"#,
+            r#""nodes":[{{"mesh":0,"name":{name}}}],"scene":0,"scenes":[{{"nodes":[0]}}]}}"#,
+        ),
+        float = gl::FLOAT,
+        short = gl::UNSIGNED_SHORT,
+        int = gl::UNSIGNED_INT,
+        count = points.len(),
+        corners = 3 * mesh.triangles.len(),
+        max = bound(f32::max),
+        min = bound(f32::min),
+        version = env!("CARGO_PKG_VERSION"),
+        views = views.join(","),
+        bytes = binary.len(),
+        // Quoted.
+        name = Value::from(name),
+    );
+    let mut text = text.into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     container(&text, &binary)
 }

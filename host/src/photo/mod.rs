@@ -5,7 +5,7 @@ pub mod tlms;
 
 use crate::error::{Error, Result};
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 use onescan_core::scene::Camera;
 use picture::Picture;
 use serde::{Deserialize, Serialize};
@@ -36,15 +36,8 @@ pub fn read(path: &Path) -> Result<Picture> {
 /// Other formats, damaged files, no pixels, a side above [`MAX_SIDE`] or more than
 /// [`MAX_PIXELS`]: the header alone decides on the size, before memory is taken.
 pub fn decode(bytes: &[u8]) -> Result<Picture> {
-    let (mut image, orientation) = decode_image(bytes)?;
-    image.apply_orientation(orientation);
-    let (width, height) = (image.width(), image.height());
-    let rgb = if image.color().has_alpha() {
-        image.into_rgba8().as_raw().as_chunks().0.iter().copied().map(over_black).collect()
-    } else {
-        image.into_rgb8().as_raw().as_chunks().0.to_vec()
-    };
-    Ok(Picture { width, height, rgb })
+    let stored = Stored::decode(bytes)?;
+    Ok(upright(stored.picture(over_black), stored.orientation))
 }
 
 /// Decodes the picture of a texture: as [`decode`], but the way its rows are stored, whatever EXIF
@@ -54,37 +47,98 @@ pub fn decode(bytes: &[u8]) -> Result<Picture> {
 /// Those of [`decode`].
 #[cfg(feature = "full")]
 pub fn decode_stored(bytes: &[u8]) -> Result<Picture> {
-    let (image, _) = decode_image(bytes)?;
-    let (width, height) = (image.width(), image.height());
-    Ok(Picture { width, height, rgb: image.into_rgb8().as_raw().as_chunks().0.to_vec() })
+    Ok(Stored::decode(bytes)?.picture(|[r, g, b, _]| [r, g, b]))
 }
 
-fn decode_image(bytes: &[u8]) -> Result<(DynamicImage, Orientation)> {
-    let format = match image::guess_format(bytes) {
-        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => format,
-        Ok(other) => {
-            let name = other.extensions_str().first().copied().unwrap_or("other");
-            return Err(Error::new(format_args!(
-                "this is a .{name} picture; convert it to PNG or JPEG"
-            )));
+/// A picture as its file has it.
+struct Stored {
+    width: u32,
+    height: u32,
+    /// Channels of a pixel: grey, grey and alpha, RGB, or RGBA.
+    channels: usize,
+    /// Row by row, pixel by pixel, 8 bits each.
+    samples: Vec<u8>,
+    orientation: Orientation,
+}
+
+impl Stored {
+    fn decode(bytes: &[u8]) -> Result<Self> {
+        let format = match image::guess_format(bytes) {
+            Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => format,
+            Ok(other) => {
+                let name = other.extensions_str().first().copied().unwrap_or("other");
+                return Err(Error::new(format_args!(
+                    "this is a .{name} picture; convert it to PNG or JPEG"
+                )));
+            }
+            Err(_) => {
+                return Err(Error::new("not a picture this program reads; give a PNG or JPEG"));
+            }
+        };
+        if format == ImageFormat::Jpeg && !jpeg_ends(bytes) {
+            return Err(Error::new("the JPEG is cut off; copy or download it again"));
         }
-        Err(_) => return Err(Error::new("not a picture this program reads; give a PNG or JPEG")),
-    };
-    if format == ImageFormat::Jpeg && !jpeg_ends(bytes) {
-        return Err(Error::new("the JPEG is cut off; copy or download it again"));
+        let damaged = |e: image::ImageError| {
+            Error::new(format_args!("{e}; save the picture again and retry"))
+        };
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(8 * MAX_PIXELS);
+        reader.limits(limits);
+        let mut decoder = reader.into_decoder().map_err(damaged)?;
+        let (width, height) = decoder.dimensions();
+        check_size(width, height)?;
+        // A damaged EXIF block is no reason to refuse the pixels.
+        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+        let color = decoder.color_type();
+        let channels = usize::from(color.channel_count());
+        let mut samples = vec![0; decoder.total_bytes() as usize];
+        decoder.read_image(&mut samples).map_err(damaged)?;
+        if usize::from(color.bytes_per_pixel()) == 2 * channels {
+            let deep =
+                samples.as_chunks().0.iter().map(|&deep| u32::from(u16::from_ne_bytes(deep)));
+            // Rounded: 65535 / 255 is 257.
+            samples = deep.map(|deep| ((deep + 128) / 257) as u8).collect();
+        }
+        Ok(Self { width, height, channels, samples, orientation })
     }
-    let damaged =
-        |e: image::ImageError| Error::new(format_args!("{e}; save the picture again and retry"));
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(8 * MAX_PIXELS);
-    reader.limits(limits);
-    let mut decoder = reader.into_decoder().map_err(damaged)?;
-    let (width, height) = decoder.dimensions();
-    check_size(width, height)?;
-    // A damaged EXIF block is no reason to refuse the pixels.
-    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-    Ok((DynamicImage::from_decoder(decoder).map_err(damaged)?, orientation))
+
+    /// The picture whose pixels are `color` of red, green, blue and alpha.
+    fn picture(&self, color: impl Fn([u8; 4]) -> [u8; 3]) -> Picture {
+        let rgba = |pixel: &[u8]| match *pixel {
+            [grey] => [grey, grey, grey, 255],
+            [grey, alpha] => [grey, grey, grey, alpha],
+            [r, g, b] => [r, g, b, 255],
+            [r, g, b, alpha, ..] => [r, g, b, alpha],
+            [] => [0; 4],
+        };
+        let pixels = self.samples.chunks_exact(self.channels.max(1));
+        let rgb = pixels.map(|pixel| color(rgba(pixel))).collect();
+        Picture { width: self.width, height: self.height, rgb }
+    }
+}
+
+/// The picture as viewers show it.
+fn upright(picture: Picture, orientation: Orientation) -> Picture {
+    // Whether rows become columns, and whether a column and a row of the old picture count from the
+    // right and from below.
+    let (turned, right, below) = match orientation {
+        Orientation::NoTransforms => return picture,
+        Orientation::FlipHorizontal => (false, true, false),
+        Orientation::Rotate180 => (false, true, true),
+        Orientation::FlipVertical => (false, false, true),
+        Orientation::Rotate90FlipH => (true, false, false),
+        Orientation::Rotate90 => (true, false, true),
+        Orientation::Rotate270FlipH => (true, true, true),
+        Orientation::Rotate270 => (true, true, false),
+    };
+    let (w, h) = (picture.width, picture.height);
+    let [width, height] = if turned { [h, w] } else { [w, h] };
+    Picture::from_fn(width, height, |x, y| {
+        let (x, y) = if turned { (y, x) } else { (x, y) };
+        let (x, y) = (if right { w - 1 - x } else { x }, if below { h - 1 - y } else { y });
+        picture.pixel(x, y).unwrap_or_default()
+    })
 }
 
 /// Whether an end-of-image marker follows the start of the first scan. Decoders take a file that
@@ -263,6 +317,7 @@ impl Crop {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use image::DynamicImage;
     use proptest::prelude::*;
 
     /// JPEG of one colour per quadrant (large enough to survive compression).
@@ -338,6 +393,21 @@ mod tests {
         assert_eq!(decode(&png(&DynamicImage::ImageRgb16(deep))).unwrap().rgb, [[0, 128, 255]]);
         let half = image::RgbaImage::from_pixel(1, 1, image::Rgba([200, 100, 0, 128]));
         assert_eq!(decode(&png(&DynamicImage::ImageRgba8(half))).unwrap().rgb, [[100, 50, 0]]);
+    }
+
+    #[test]
+    fn sixteen_bits_are_rounded_as_the_image_crate_does() {
+        let all = || (0..=u16::MAX).rev();
+        let grey = DynamicImage::ImageLuma16(
+            image::ImageBuffer::from_raw(256, 256, all().collect()).unwrap(),
+        );
+        let color = DynamicImage::ImageRgba16(
+            image::ImageBuffer::from_raw(128, 128, all().collect()).unwrap(),
+        );
+        for image in [grey, color] {
+            let found = decode_stored(&png(&image)).unwrap();
+            assert_eq!(found.bytes(), image.into_rgb8().as_raw());
+        }
     }
 
     #[test]

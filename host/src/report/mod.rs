@@ -50,7 +50,6 @@ pub fn fit_report(result: &Finished, provenance: &str) -> Result<String> {
 ///
 /// # Errors
 /// A picture without pixels.
-#[cfg(feature = "full")]
 pub fn subject_report(results: &[(Finished, String)], provenance: &str) -> Result<String> {
     let fits = results.iter().map(|(result, folder)| Section::new(result, "", folder.clone()));
     let page = Page {
@@ -259,12 +258,16 @@ impl<'a> Section<'a> {
         if let Some(found) = &s.posterior {
             posterior::section(f, found)?;
         }
-        match &s.mode {
-            Some(mode) => levels(f, s, mode)?,
-            None => traces(f, s)?,
+        if let Some(mode) = &s.mode {
+            levels(f, s, mode)?;
+        }
+        if s.is_of_chains() {
+            traces(f, s)?;
         }
         coefficients(f, &s.parameters)?;
-        moves(f, &s.proposals)?;
+        if s.is_of_chains() {
+            moves(f, &s.proposals)?;
+        }
         self.files(f)?;
         f.write_str("</section>\n")
     }
@@ -364,16 +367,17 @@ fn foot(f: &mut impl Write) -> fmt::Result {
 /// What happened, for somebody who has never fitted a model.
 fn in_words(f: &mut impl Write, s: &Summary) -> fmt::Result {
     let steps = number(s.steps as f64, 0);
-    let how = match s.mode {
-        Some(_) => format!(
+    let how = if s.is_of_chains() {
+        format!(
+            "It weighed {steps} hypotheses, one after the other, and kept the one whose rendered \
+             picture comes closest. That picture"
+        )
+    } else {
+        format!(
             "It placed the model by the marked points, then changed everything at once, {steps} \
              times, always towards the more probable, and judged each time which pixels show the \
              face and which something before it. What it came to"
-        ),
-        None => format!(
-            "It weighed {steps} hypotheses, one after the other, and kept the one whose rendered \
-             picture comes closest. That picture"
-        ),
+        )
     };
     writeln!(
         f,

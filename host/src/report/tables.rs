@@ -34,14 +34,15 @@ pub(super) fn key_figures(s: &Summary) -> Rows {
         ),
         ("Steps", steps(s)),
         (
-            if s.mode.is_some() { "Steps that changed something" } else { "Accepted" },
+            if s.is_of_chains() { "Accepted" } else { "Steps that changed something" },
             format!("{} ({})", number(s.accepted as f64, 0), percent(share, 0)),
         ),
         (
             "Speed",
-            match s.mode {
-                Some(_) => format!("{} steps per second", number(s.steps_per_second, 1)),
-                None => format!("{} steps per second and chain", number(s.steps_per_second, 0)),
+            if s.is_of_chains() {
+                format!("{} steps per second and chain", number(s.steps_per_second, 0))
+            } else {
+                format!("{} steps per second", number(s.steps_per_second, 1))
             },
         ),
         (
@@ -58,9 +59,9 @@ pub(super) fn key_figures(s: &Summary) -> Rows {
 }
 
 fn steps(s: &Summary) -> String {
-    if let Some(mode) = &s.mode {
-        let end = if mode.converged { "converged" } else { "not converged" };
-        return format!("{}, {end}", mode.iterations);
+    if !s.is_of_chains() {
+        let converged = s.mode.as_ref().is_some_and(|mode| mode.converged);
+        return format!("{}, {}converged", s.steps, if converged { "" } else { "not " });
     }
     let shape = match s.shape_samples {
         0 => String::new(),
