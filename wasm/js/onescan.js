@@ -9,6 +9,8 @@ import init, { Fit as Search, Model, Photo, Viewer } from './wasm/onescan_wasm.j
 export { Model, Photo, Viewer };
 
 /** @typedef {{ name: string, x: number, y: number, visible?: boolean }} Landmark Pixels of the photo; pixel (x, y) is the point (x, y). */
+/** @typedef {string | Landmark[]} Landmarks Of a photo; a string is the text of a `.tlms` file. */
+/** @typedef {{ photo: Photo, landmarks: Landmarks } | { photo: Photo[], landmarks: Landmarks[] }} Shown A photo, or 2 to 8 of one person, each with its landmarks. */
 /** @typedef {{ landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number }} Settings As the options of `onescan fit --schedule mode`; ranks are the model's by default. */
 /** @typedef {{ done: number, total: number, ended: boolean, converged: boolean, seconds: number, fingerprint: string }} Progress Steps done of at most so many in all. */
 /** @typedef {{ blur: number, steps: number }} Level Standard deviation of the photo's blur, pixels of what the fit looks at, and the most steps. */
@@ -53,11 +55,14 @@ export class Onescan {
   }
 
   /**
-   * Prepares a fit.
-   * @param {{ model: Model, photo: Photo, landmarks: string | Landmark[] } & Settings} job
+   * Prepares a fit to a photo, or to several of one person: one face, and a view each.
+   * @param {{ model: Model } & Shown & Settings} job
    */
   fit({ model, photo, landmarks, ...settings }) {
-    return new Fit(new Search(model, photo, tlms(landmarks), JSON.stringify(settings)));
+    // A search takes what it is given.
+    const photos = [photo].flat().map((one) => one.clone());
+    const marked = /** @type {Landmarks[]} */ (Array.isArray(photo) ? [landmarks].flat() : [landmarks]);
+    return new Fit(new Search(model, photos, marked.map(tlms), JSON.stringify(settings)), photos.length);
   }
 
   /** The levels of every fit, coarse to fine. @returns {Level[]} */
@@ -82,26 +87,27 @@ function levels() {
 
 /**
  * Landmarks as the text of a `.tlms` file.
- * @param {string | Landmark[]} landmarks
+ * @param {Landmarks} landmarks
  */
 function tlms(landmarks) {
   if (typeof landmarks === 'string') return landmarks;
   const line = (/** @type {Landmark} */ { name, x, y, visible = true }) =>
     `${name} ${visible ? 1 : 0} ${x} ${y}\n`;
-  return landmarks.map(line).join('');
+  return [landmarks].flat().map(line).join('');
 }
 
-/** A fit. Fires `progress` (with a {@link Progress} as `detail`) after every call of `step()`. */
+/** A fit. Its photos count from 0. Fires `progress` (with a {@link Progress} as `detail`) after every call of `step()`. */
 export class Fit extends EventTarget {
   #search;
   #seconds = 0;
   /** @type {'idle' | 'running' | 'paused' | 'cancelled'} */
   #state = 'idle';
 
-  /** @param {Search} search */
-  constructor(search) {
+  /** @param {Search} search @param {number} photos Their number. */
+  constructor(search, photos) {
     super();
     this.#search = search;
+    this.photos = photos;
   }
 
   /**
@@ -176,30 +182,32 @@ export class Fit extends EventTarget {
     return Array.from({ length: numbers.length / 2 }, (_, i) => ({ level: numbers[2 * i], energy: numbers[2 * i + 1] }));
   }
 
-  /** Left, top, width and height of what the fit looks at, pixels of the photo. */
-  get crop() {
-    return [...this.#search.crop];
+  /** Left, top, width and height of what the fit looks at, pixels of a photo. */
+  crop(photo = 0) {
+    return [...this.#search.crop(photo)];
   }
 
   /**
    * The face so far drawn over what the fit looks at.
-   * @param {{ behind?: boolean }} [how] Whether what hides the face is before it.
+   * @param {{ behind?: boolean, photo?: number }} [how] Whether what hides the face is before it.
    */
-  overlay({ behind = false } = {}) {
-    return this.#search.overlay(behind);
+  overlay({ behind = false, photo = 0 } = {}) {
+    return this.#search.overlay(photo, behind);
   }
 
   /** Where what the fit looks at shows the face (white) and where it does not (black). */
-  mask() {
-    return this.#search.mask();
+  mask(photo = 0) {
+    return this.#search.mask(photo);
   }
 
   /**
    * What the fit leaves behind; it cannot go on afterwards.
-   * @param {{ model?: string, photo?: string }} [names] File names to mention.
+   * @param {{ model?: string, photo?: string | string[] }} [names] File names to mention, one for each photo.
    */
-  finish({ model = 'model.3dmm', photo = 'photo.png' } = {}) {
-    return this.#search.finish(this.#seconds, model, photo);
+  finish({ model = 'model.3dmm', photo } = {}) {
+    const numbered = Array.from({ length: this.photos }, (_, i) => `photo-${i + 1}.png`);
+    const names = photo ?? (this.photos > 1 ? numbered : 'photo.png');
+    return this.#search.finish(this.#seconds, model, [names].flat());
   }
 
   free() {

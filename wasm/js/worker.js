@@ -1,14 +1,14 @@
-/** The other end of client.js: one model, one photo, one fit and one viewer, in a worker. */
+/** The other end of client.js: one model, its photos, one fit and one viewer, in a worker. */
 
 import { create } from './onescan.js';
 
-/** @typedef {import('./onescan.js').Landmark} Landmark */
+/** @typedef {import('./onescan.js').Landmarks} Landmarks */
 /** @typedef {import('./onescan.js').Settings} Settings */
 /** @typedef {import('./onescan.js').Progress} Progress */
 /** @typedef {{ vertices: number, shapeRank: number, albedoRank: number, landmarks: string[], provenance: string }} ModelFacts */
 /** @typedef {{ width: number, height: number, picture: ImageBitmap }} PhotoFacts */
 /** @typedef {{ overlay: ImageBitmap, behind: ImageBitmap, mask: ImageBitmap }} LivePictures The face over the photo, the same behind what hides it, and the mask. */
-/** @typedef {Progress & { trace: import('./onescan.js').TracePoint[], levels: import('./onescan.js').Level[], crop: number[], pictures?: LivePictures }} LiveProgress */
+/** @typedef {Progress & { trace: import('./onescan.js').TracePoint[], levels: import('./onescan.js').Level[], photo: number, crop: number[], pictures?: LivePictures }} LiveProgress The pictures are of the photo of this number: of the one that is watched, and at the end of all. */
 /** @typedef {{ yaw: number, pitch: number, width: number, height: number, ground: number }} Camera */
 /** @typedef {{ shape: Float32Array, albedo: Float32Array }} Coefficients */
 
@@ -18,8 +18,12 @@ const SHOWN = 1600;
 const program = create();
 /** @type {import('./onescan.js').Model | undefined} */
 let model;
-/** @type {import('./onescan.js').Photo | undefined} */
-let photo;
+/** Of one person. @type {import('./onescan.js').Photo[]} */
+let photos = [];
+/** Which of them is watched while a fit runs. */
+let watched = 0;
+/** Sends pictures of a photo as the running fit has it. @type {((photo: number) => void) | undefined} */
+let send;
 /** @type {import('./onescan.js').Fit | undefined} */
 let fit;
 /** @type {import('./onescan.js').Fitted | undefined} */
@@ -52,6 +56,12 @@ function unpack(files) {
   return files.map((file) => ({ name: file.name, bytes: new Uint8Array(file.bytes) }));
 }
 
+/** @param {import('./onescan.js').Photo} photo @returns {Promise<PhotoFacts>} */
+async function facts(photo) {
+  const { width, height } = photo;
+  return { width, height, picture: await bitmap(photo.shown(SHOWN)) };
+}
+
 /** @returns {Coefficients} */
 function coefficients() {
   const { shape, albedo } = need(viewer, 'model');
@@ -74,33 +84,57 @@ const methods = {
     return { vertices, shapeRank, albedoRank, landmarks, provenance };
   },
 
-  /** @param {Uint8Array | ImageData} source @returns {Promise<PhotoFacts>} */
+  /** The photo, instead of what there was. @param {Uint8Array | ImageData} source */
   async photo(source) {
-    const onescan = await program;
-    const taken = onescan.photo(source);
-    photo?.free();
-    photo = taken;
-    const { width, height } = taken;
-    return { width, height, picture: await bitmap(taken.shown(SHOWN)) };
+    const taken = (await program).photo(source);
+    for (const old of photos) old.free();
+    photos = [taken];
+    watched = 0;
+    return facts(taken);
+  },
+
+  /** One more photo of the same person. @param {Uint8Array | ImageData} source */
+  async addPhoto(source) {
+    const taken = (await program).photo(source);
+    photos.push(taken);
+    return facts(taken);
+  },
+
+  /** @param {number} at Its number, from 0. */
+  removePhoto(at) {
+    for (const old of photos.splice(at, 1)) old.free();
+    watched = 0;
+  },
+
+  /** Of several photos, which is seen while a fit runs. @param {number} at Its number. */
+  watch(at) {
+    need(photos[at], 'such photo');
+    watched = at;
+    if (fit && at < fit.photos) send?.(at);
   },
 
   /**
-   * @param {{ landmarks: Landmark[], names: { model: string, photo: string }, live?: boolean } & Settings} job
+   * Fits to all photos. Of several, `landmarks`, `names.photo` and in the result `summary` are arrays.
+   * @param {{ landmarks: Landmarks | Landmarks[], names: { model: string, photo: string | string[] }, live?: boolean } & Settings} job
    */
   async fit({ landmarks, names, live = true, ...settings }) {
     const onescan = await program;
     if (fit) throw new Error('a fit is running');
-    const job = { model: need(model, 'model'), photo: need(photo, 'photo'), landmarks };
-    const running = onescan.fit({ ...job, ...settings });
+    const one = need(photos[0], 'photo');
+    const shown = /** @type {import('./onescan.js').Shown} */ ({ photo: photos[1] ? photos : one, landmarks });
+    const running = onescan.fit({ model: need(model, 'model'), ...shown, ...settings });
     fit = running;
     const { levels } = onescan;
-    running.addEventListener('progress', async (event) => {
-      const { detail } = /** @type {CustomEvent<Progress>} */ (event);
-      const progress = { ...detail, trace: running.trace, levels, crop: running.crop };
+    send = async (photo) => {
+      const progress = { ...running.progress, trace: running.trace, levels, photo, crop: running.crop(photo) };
       if (!live) return tell(progress, []);
-      const shown = [running.overlay(), running.overlay({ behind: true }), running.mask()];
-      const [overlay, behind, mask] = await Promise.all(shown.map(bitmap));
+      const drawn = [running.overlay({ photo }), running.overlay({ photo, behind: true }), running.mask(photo)];
+      const [overlay, behind, mask] = await Promise.all(drawn.map(bitmap));
       tell({ ...progress, pictures: { overlay, behind, mask } }, [overlay, behind, mask]);
+    };
+    running.addEventListener('progress', () => {
+      const { ended } = running.progress;
+      for (const photo of Array(running.photos).keys()) if (ended || photo === watched) send?.(photo);
     });
     try {
       if (!(await running.run())) {
@@ -108,7 +142,7 @@ const methods = {
         return undefined;
       }
     } finally {
-      fit = undefined;
+      fit = send = undefined;
     }
     const { progress, fingerprint } = running;
     if (!live) {
@@ -116,10 +150,11 @@ const methods = {
       return { fingerprint, progress };
     }
     fitted?.free();
-    fitted = running.finish(names);
-    const json = fitted.json();
-    need(viewer, 'model').adopt(fitted);
-    return { fingerprint, progress, summary: JSON.parse(json), ...coefficients() };
+    const made = running.finish(names);
+    fitted = made;
+    const summaries = Array.from({ length: running.photos }, (_, i) => JSON.parse(made.json(i)));
+    need(viewer, 'model').adopt(made);
+    return { fingerprint, progress, summary: summaries[1] ? summaries : summaries[0], ...coefficients() };
   },
 
   pause() {
@@ -186,10 +221,10 @@ const methods = {
     return coefficients();
   },
 
-  /** @param {string} name `photo` is the light of the finished fit. */
-  light(name) {
+  /** @param {string} name `photo` is the light of a photo of the finished fit. @param {number} [photo] Its number. */
+  light(name, photo) {
     const view = need(viewer, 'model');
-    if (name === 'photo') view.illuminateAs(need(fitted, 'fit'));
+    if (name === 'photo') view.illuminateAs(need(fitted, 'fit'), photo);
     else view.illuminate(name);
   },
 

@@ -6,11 +6,17 @@ import { drawTrace } from './chart.js';
 import { button, context, element, save } from './dom.js';
 import { Editor } from './editor.js';
 import { isFace, spoken, wanted } from './landmarks.js';
+import { Shots } from './shots.js';
 import { Sliders } from './sliders.js';
 import { View } from './view.js';
+import { zip } from './zip.js';
 
-/** Landmarks a fit needs at least. */
+/** @typedef {import('./editor.js').Shot} Shot */
+
+/** Landmarks a fit needs at least, in each photo. */
 const FEWEST = 4;
+/** Photos a fit takes at most. */
+const MOST = 8;
 /** What gzip files begin with. */
 const GZIP = [0x1f, 0x8b];
 
@@ -22,19 +28,20 @@ const sliders = new Sliders(element('sliders', HTMLDivElement), async (values) =
   view.draw();
 });
 const input = (/** @type {string} */ id) => element(id, HTMLInputElement);
+const strip = new Shots(element('shots', HTMLElement), (shot) => attempt(() => choose(shot)));
 
 const state = {
   /** @type {import('../js/worker.js').ModelFacts | undefined} */
   model: undefined,
   modelName: '',
-  photoName: '',
-  hasPhoto: false,
+  /** The photos, all of one person, in the worker's order. @type {Shot[]} */
+  shots: [],
+  /** The one that is shown. @type {Shot | undefined} */
+  shot: undefined,
   /** @type {'idle' | 'fitting' | 'paused'} */
   busy: 'idle',
   detecting: false,
-  /** Landmarks the user says cannot be seen. @type {Set<string>} */
-  skipped: new Set(),
-  /** The last finished fit's job and fingerprint. @type {{ job: any, fingerprint: string } | undefined} */
+  /** The last finished fit: its job, and what came of it. @type {{ job: any, result: any } | undefined} */
   fitted: undefined,
 };
 
@@ -65,19 +72,30 @@ function on(id, action) {
 /** Landmarks neither set nor said to be out of sight, in order. */
 function missing() {
   const set = new Set(editor.points.map(({ name }) => name));
-  return wanted(state.model?.landmarks ?? []).filter((name) => !set.has(name) && !state.skipped.has(name));
+  return wanted(state.model?.landmarks ?? []).filter((name) => !set.has(name) && !state.shot?.skipped.has(name));
 }
+
+/** Whether a photo needs more landmarks. @param {Shot} shot */
+const lacking = (shot) => shot.points.length < FEWEST;
 
 /** Brings buttons, hints and the guide up to date. */
 function refresh() {
-  const { model, hasPhoto, busy, detecting, fitted } = state;
+  const { model, shots, shot, busy, detecting, fitted } = state;
+  const hasPhoto = Boolean(shot);
   const idle = busy === 'idle' && !detecting;
   const names = model?.landmarks ?? [];
   const left = missing();
   const placing = hasPhoto && idle && left.length > 0;
   button('detect').disabled = !hasPhoto || !idle || !isFace(names);
-  button('clear').disabled = !hasPhoto || !idle || editor.points.length + state.skipped.size === 0;
-  button('fit').disabled = !model || !hasPhoto || !idle || editor.points.length < FEWEST;
+  button('clear').disabled = !hasPhoto || !idle || editor.points.length + (shot?.skipped.size ?? 0) === 0;
+  const ready = hasPhoto && !shots.some(lacking);
+  button('fit').disabled = !model || !idle || !ready;
+  button('add').disabled = !idle || shots.length >= MOST;
+  button('add').hidden = !ready;
+  button('remove').disabled = !idle;
+  button('remove').hidden = shots.length < 2;
+  element('shot-tools', HTMLElement).hidden = !ready && shots.length < 2;
+  strip.show(shots, shot, { disabled: detecting, lacking });
   button('pause').disabled = busy === 'idle';
   button('pause').textContent = busy === 'paused' ? 'Resume' : 'Pause';
   button('cancel').disabled = busy === 'idle';
@@ -127,7 +145,7 @@ async function openModel(name, bytes) {
   const sameLandmarks = model.landmarks.join() === state.model?.landmarks.join();
   Object.assign(state, { model, modelName: name, fitted: undefined });
   guided = '';
-  if (!sameLandmarks) startOver();
+  if (!sameLandmarks) state.shots.forEach(startOver);
   const { vertices, shapeRank, albedoRank } = model;
   element('model-facts', HTMLElement).textContent =
     `${name}: ${vertices} vertices, ${shapeRank} shape and ${albedoRank} albedo components.`;
@@ -154,28 +172,76 @@ input('model').addEventListener('change', () =>
 
 // ---- the photo
 
-/** @param {string} name @param {Uint8Array | ImageData} source */
-async function openPhoto(name, source) {
+/**
+ * Opens a photo: the only one, or one more of the same person.
+ * @param {string} name
+ * @param {Uint8Array | ImageData} source
+ * @param {boolean} [more]
+ */
+async function openPhoto(name, source, more = false) {
   if (state.busy !== 'idle') throw new Error('a fit is running; cancel it first');
   say('Reading the photo.');
-  const photo = await client.photo(source).catch((error) => {
+  const photo = await (more ? client.addPhoto(source) : client.photo(source)).catch((error) => {
     throw new Error(`${name}: ${error.message}`);
   });
-  Object.assign(state, { photoName: name, hasPhoto: true, fitted: undefined });
-  element('fitted-tools', HTMLElement).hidden = true;
-  element('live', HTMLElement).hidden = true;
-  element('numbers', HTMLElement).hidden = true;
-  state.skipped.clear();
-  editor.open(photo);
-  refresh();
+  if (!more) state.shots.splice(0).forEach(close);
+  forget();
+  const shot = { ...photo, name: unused(name), points: [], skipped: new Set() };
+  state.shots.push(shot);
+  await choose(shot);
 }
 
-/** @param {File} file */
-async function openFile(file) {
+/** A photo's files are named like it, so that no two may be called the same. @param {string} name */
+function unused(name) {
+  let free = name;
+  for (let i = 2; state.shots.some((shot) => shot.name === free); i += 1) {
+    free = name.replace(/(\.\w+)?$/, `-${i}$1`);
+  }
+  return free;
+}
+
+/** Lays aside what was fitted to other photos than these. */
+function forget() {
+  state.fitted = undefined;
+  for (const shot of state.shots) editor.overlay(shot);
+  for (const id of ['fitted-tools', 'live', 'numbers']) element(id, HTMLElement).hidden = true;
+}
+
+/** @param {Shot} shot */
+function close(shot) {
+  editor.overlay(shot);
+  shot.picture.close();
+}
+
+/** Shows one of the photos. @param {Shot} shot */
+async function choose(shot) {
+  state.shot = shot;
+  editor.open(shot);
+  showMask();
+  if (state.fitted) showNumbers();
+  refresh();
+  await client.watch(state.shots.indexOf(shot));
+}
+
+on('add', () => input('more').click());
+on('remove', async () => {
+  const { shot, shots } = state;
+  if (!shot || shots.length < 2) return;
+  const at = shots.indexOf(shot);
+  await client.removePhoto(at);
+  shots.splice(at, 1);
+  forget();
+  await choose(shots[Math.min(at, shots.length - 1)]);
+  close(shot);
+  say(`${shot.name} is removed.`);
+});
+
+/** @param {File} file @param {boolean} [more] */
+async function openFile(file, more) {
   const bytes = new Uint8Array(await file.arrayBuffer());
   // These two onescan decodes itself, to the same pixels everywhere; others are the browser's.
   const own = [[0x89, 0x50, 0x4e, 0x47], [0xff, 0xd8, 0xff]].some((magic) => magic.every((byte, i) => bytes[i] === byte));
-  await openPhoto(file.name, own ? bytes : await pixels(file));
+  await openPhoto(file.name, own ? bytes : await pixels(file), more);
   await findLandmarks();
 }
 
@@ -204,7 +270,7 @@ async function openSample(file) {
   await openPhoto(file, new Uint8Array(await photo.arrayBuffer()));
   const lines = (await landmarks.text()).trim().split('\n').map((line) => line.split(/\s+/));
   const seen = lines.filter(([, visible]) => Number(visible) > 0);
-  for (const [name, visible] of lines) if (Number(visible) <= 0) state.skipped.add(name);
+  for (const [name, visible] of lines) if (Number(visible) <= 0) state.shot?.skipped.add(name);
   setLandmarks(seen.map(([name, , x, y]) => ({ name, x: Number(x), y: Number(y) })));
   say('The landmarks of this sample were set by hand. Press Fit.');
 }
@@ -214,6 +280,13 @@ input('file').addEventListener('change', () =>
     const file = input('file').files?.[0];
     if (file) await openFile(file);
     input('file').value = '';
+  }),
+);
+input('more').addEventListener('change', () =>
+  attempt(async () => {
+    const files = [...(input('more').files ?? [])].slice(0, MOST - state.shots.length);
+    input('more').value = '';
+    for (const file of files) await openFile(file, true);
   }),
 );
 for (const link of document.querySelectorAll('[data-sample]')) {
@@ -251,11 +324,12 @@ function setLandmarks(points) {
   editor.face();
 }
 
-function startOver() {
+/** @param {Shot} shot */
+function startOver(shot) {
   input('show-points').checked = true;
-  state.skipped.clear();
-  editor.set([]);
-  editor.whole();
+  shot.skipped.clear();
+  shot.points = [];
+  if (shot === state.shot) editor.open(shot);
 }
 
 async function findLandmarks() {
@@ -268,14 +342,14 @@ async function findLandmarks() {
   say('Looking for the face. The first time, this loads 10 MB.');
   try {
     const { detect } = await import('./detect.js');
-    const picture = editor.picture;
-    if (!picture) return;
-    const found = await detect(picture);
+    const { shot } = state;
+    if (!shot) return;
+    const found = await detect(shot.picture);
     if (!found) {
       say('No face was found. Set the landmarks by hand: click where each is in the photo.');
       return;
     }
-    state.skipped.clear();
+    shot.skipped.clear();
     setLandmarks(found.map(({ name, x, y }) => editor.fromPicture(name, x, y)));
     say('Found them. Drag what is wrong (eyebrows under glasses, say), then press Fit.');
   } finally {
@@ -285,11 +359,11 @@ async function findLandmarks() {
 
 on('detect', findLandmarks);
 on('clear', () => {
-  startOver();
+  if (state.shot) startOver(state.shot);
   say('Set the landmarks: click where each is in the photo, or let them be found.');
 });
 on('skip', () => {
-  state.skipped.add(missing()[0]);
+  state.shot?.skipped.add(missing()[0]);
 });
 editor.addEventListener('change', refresh);
 editor.addEventListener('place', (event) => {
@@ -311,17 +385,25 @@ input('behind').addEventListener('change', () => editor.behind(input('behind').c
 
 client.addEventListener('progress', (event) => {
   const live = /** @type {CustomEvent<import('../js/worker.js').LiveProgress>} */ (event).detail;
-  const { done, total, ended, trace, levels, crop, pictures } = live;
+  const { done, total, ended, trace, levels, photo, crop, pictures } = live;
   element('progress', HTMLProgressElement).value = ended ? 1 : done / total;
   element('speed', HTMLElement).textContent = `Step ${done} of at most ${total}`;
   element('live', HTMLElement).hidden = false;
   drawTrace(element('trace', HTMLCanvasElement), trace, levels);
-  if (!pictures) return;
-  const mask = element('mask', HTMLCanvasElement);
-  [mask.width, mask.height] = [pictures.mask.width, pictures.mask.height];
-  context(mask).drawImage(pictures.mask, 0, 0);
-  editor.overlay(pictures, crop);
+  const shot = state.shots[photo];
+  if (!pictures || !shot) return;
+  editor.overlay(shot, { pictures, crop });
+  showMask();
 });
+
+/** The mask of the photo that is shown. */
+function showMask() {
+  const picture = state.shot?.overlay?.pictures.mask;
+  if (!picture) return;
+  const mask = element('mask', HTMLCanvasElement);
+  [mask.width, mask.height] = [picture.width, picture.height];
+  context(mask).drawImage(picture, 0, 0);
+}
 
 /** @param {any} job */
 async function runFit(job) {
@@ -336,10 +418,11 @@ async function runFit(job) {
 }
 
 on('fit', async () => {
-  const job = {
-    landmarks: editor.points.map((point) => ({ ...point })),
-    names: { model: state.modelName, photo: state.photoName },
-  };
+  const { shots, modelName } = state;
+  const landmarks = shots.map(({ points }) => points.map((point) => ({ ...point })));
+  const photo = shots.map(({ name }) => name);
+  // What one photo has once, several have in arrays.
+  const job = { landmarks: landmarks[1] ? landmarks : landmarks[0], names: { model: modelName, photo } };
   input('opacity').value = '1';
   editor.fade(1);
   editor.face();
@@ -350,9 +433,9 @@ on('fit', async () => {
     say('Cancelled.');
     return;
   }
-  state.fitted = { job, fingerprint: result.fingerprint };
+  state.fitted = { job, result };
   element('verified', HTMLElement).textContent = '';
-  showNumbers(result);
+  showNumbers();
   // They hide what was found.
   input('show-points').checked = false;
   element('numbers', HTMLElement).hidden = false;
@@ -376,13 +459,17 @@ on('verify', async () => {
   verdict.textContent = 'Fitting once more…';
   const again = await runFit({ ...fitted.job, live: false });
   if (!again) verdict.textContent = 'Cancelled.';
-  else if (again.fingerprint === fitted.fingerprint) verdict.textContent = `✓ ${again.fingerprint} again: the same to the last bit.`;
+  else if (again.fingerprint === fitted.result.fingerprint) verdict.textContent = `✓ ${again.fingerprint} again: the same to the last bit.`;
   else verdict.textContent = `✗ ${again.fingerprint}: this must not happen; please report it.`;
 });
 
-/** @param {any} result */
-function showNumbers({ fingerprint, progress, summary }) {
-  const { pixel_rmse: error, landmark_rmse_px: landmarks, steps, mode } = summary;
+/** Where the photo that is shown is among all. */
+const position = () => (state.shot ? state.shots.indexOf(state.shot) : 0);
+
+/** What was found, of the photo that is shown. */
+function showNumbers() {
+  const { fingerprint, progress, summary } = state.fitted?.result;
+  const { pixel_rmse: error, landmark_rmse_px: landmarks, steps, mode } = [summary].flat()[position()];
   const percent = (/** @type {number} */ x) => `${(100 * x).toFixed(1)} %`;
   const facts = {
     Fingerprint: fingerprint,
@@ -418,17 +505,19 @@ on('show-random', async () => showFace(await client.random(crypto.getRandomValue
 on('show-mean', async () => showFace(await client.mean()));
 element('light', HTMLSelectElement).addEventListener('change', () =>
   attempt(async () => {
-    await client.light(element('light', HTMLSelectElement).value);
+    await client.light(element('light', HTMLSelectElement).value, position());
     view.draw();
   }),
 );
 
-/** @param {string} ending */
+/** Saves a file by its ending; where each photo has its own, that of the photo that is shown. @param {string} ending */
 async function saveFile(ending) {
   if (ending === 'face.png') return save(ending, await client.png(view.camera));
   const files = ending.startsWith('face.') ? await client.files() : await client.fitFiles();
-  const file = files.find(({ name }) => name.endsWith(ending));
-  if (file) save(file.name, file.bytes);
+  if (ending === 'fit.zip') return save(ending, zip(files));
+  const found = files.filter(({ name }) => name.endsWith(ending));
+  const file = found[position()] ?? found[0];
+  if (file) save(file.name.replace('/', '-'), file.bytes);
 }
 
 for (const link of document.querySelectorAll('[data-save]')) {

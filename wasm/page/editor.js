@@ -4,6 +4,8 @@ import { context, element } from './dom.js';
 import { spoken } from './landmarks.js';
 
 /** @typedef {{ name: string, x: number, y: number }} Point */
+/** @typedef {{ pictures: import('../js/worker.js').LivePictures, crop: number[] }} Overlay The face over a part of a photo. */
+/** @typedef {import('../js/worker.js').PhotoFacts & { name: string, points: Point[], skipped: Set<string>, overlay?: Overlay }} Shot A photo with its landmarks, those that the user says cannot be seen, and what has been fitted to it. */
 
 const SVG = 'http://www.w3.org/2000/svg';
 /** How much of the stage the face takes when shown large. */
@@ -11,16 +13,12 @@ const FACE = 0.45;
 
 /** Fires `change` when a landmark was moved and `place` (with `{ x, y }`) on a click beside them. */
 export class Editor extends EventTarget {
-  /** @type {Point[]} */
-  points = [];
   #canvas = element('photo', HTMLCanvasElement);
   #handles = element('handles', SVGSVGElement);
-  /** @type {import('../js/worker.js').PhotoFacts | undefined} */
+  /** @type {Shot | undefined} */
   #photo;
   /** Where the photo's pixel (0, 0) is on the stage, and stage pixels per photo pixel. */
   #view = { x: 0, y: 0, scale: 1 };
-  /** @type {{ pictures: import('../js/worker.js').LivePictures, crop: number[] } | undefined} */
-  #overlay;
   #opacity = 1;
   #behind = true;
   #locked = false;
@@ -35,18 +33,17 @@ export class Editor extends EventTarget {
     this.#handles.addEventListener('keydown', (event) => this.#key(event));
   }
 
-  /** @param {import('../js/worker.js').PhotoFacts} photo */
+  /** Shows a photo with its landmarks. @param {Shot} photo */
   open(photo) {
-    this.#photo?.picture.close();
     this.#photo = photo;
-    this.#overlay = undefined;
-    this.set([]);
+    this.set(photo.points);
     this.whole();
+    this.face();
   }
 
-  /** The photo as it is shown. */
-  get picture() {
-    return this.#photo?.picture;
+  /** The landmarks of the photo that is shown. */
+  get points() {
+    return this.#photo?.points ?? [];
   }
 
   /**
@@ -62,7 +59,7 @@ export class Editor extends EventTarget {
 
   /** @param {Point[]} points */
   set(points) {
-    this.points = points;
+    if (this.#photo) this.#photo.points = points;
     this.#handles.replaceChildren(...points.map((point) => this.#handle(point)));
     this.#place();
   }
@@ -82,10 +79,10 @@ export class Editor extends EventTarget {
     this.#handles.classList.toggle('placing', placing);
   }
 
-  /** Lays the face over a part of the photo. @param {import('../js/worker.js').LivePictures} pictures @param {number[]} crop */
-  overlay(pictures, crop) {
-    for (const old of Object.values(this.#overlay?.pictures ?? {})) old.close();
-    this.#overlay = { pictures, crop };
+  /** Lays the face over a part of a photo, or takes it away. @param {Shot} shot @param {Overlay} [overlay] */
+  overlay(shot, overlay) {
+    for (const old of Object.values(shot.overlay?.pictures ?? {})) old.close();
+    shot.overlay = overlay;
     this.#draw();
   }
 
@@ -209,10 +206,10 @@ export class Editor extends EventTarget {
     if (!this.#photo) return;
     draw.setTransform(ratio * scale, 0, 0, ratio * scale, ratio * x, ratio * y);
     draw.drawImage(this.#photo.picture, 0, 0, this.#photo.width, this.#photo.height);
-    if (this.#overlay) {
-      const [left, top, wide, high] = this.#overlay.crop;
+    if (this.#photo.overlay) {
+      const [left, top, wide, high] = this.#photo.overlay.crop;
       draw.globalAlpha = this.#opacity;
-      const { overlay, behind } = this.#overlay.pictures;
+      const { overlay, behind } = this.#photo.overlay.pictures;
       draw.drawImage(this.#behind ? behind : overlay, left, top, wide, high);
       draw.globalAlpha = 1;
     }

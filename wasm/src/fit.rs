@@ -1,6 +1,6 @@
 //! A fit that JavaScript drives, a step at a time.
 
-use crate::{File, Model, Opened, Photo, Pixels};
+use crate::{File, Model, Opened, Photo, Pixels, View};
 use onescan::error::{Error, Result};
 use onescan::fit::output::{self, Names, PhotoNames};
 use onescan::fit::summary::{Summary, hex};
@@ -9,9 +9,11 @@ use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
 use onescan::{fit, render, report};
-use onescan_core::chain::{Config, Problem};
+use onescan_core::chain::{self, Config, Problem};
 use onescan_core::engine::Engine;
-use onescan_core::search::{self, LEVELS, Options};
+use onescan_core::scene::Scene;
+use onescan_core::search::unknowns::MAX_PHOTOS;
+use onescan_core::search::{self, Evidence, LEVELS, Options};
 use self_cell::{MutBorrow, self_cell};
 use serde::Deserialize;
 use std::rc::Rc;
@@ -46,79 +48,103 @@ impl Default for Settings {
     }
 }
 
-/// Everything a fit looks at, and its memory.
-struct Inputs {
-    model: Rc<Opened>,
+/// A photo, and what a fit looks at of it.
+struct Look {
     photo: Rc<Picture>,
     landmarks: Tlms,
     crop: Crop,
+}
+
+/// Everything a fit looks at, and its memory.
+struct Inputs {
+    model: Rc<Opened>,
+    looks: Vec<Look>,
     config: Config,
     memory: MutBorrow<Vec<u32>>,
 }
 
 impl Inputs {
-    fn job(&self) -> Job<'_> {
-        Job {
+    fn jobs(&self) -> Vec<Job<'_>> {
+        let jobs = self.looks.iter().map(|look| Job {
             model: self.model.borrow_dependent(),
-            photo: &self.photo,
-            landmarks: &self.landmarks,
-            crop: self.crop,
+            photo: &look.photo,
+            landmarks: &look.landmarks,
+            crop: look.crop,
             mask: None,
             schedule: Schedule::Mode,
             config: self.config.clone(),
             // Of chains, of which there are none: the command's default.
             seed: 7,
             chains: 1,
-        }
+        });
+        jobs.collect()
     }
 
-    fn observe(&self) -> Result<Observed<'_>> {
-        Observed::new(&self.photo, &self.landmarks, &self.crop)
+    fn observe(&self) -> Result<Vec<Observed<'_>>> {
+        let looks = self.looks.iter();
+        looks.map(|look| Observed::new(&look.photo, &look.landmarks, &look.crop)).collect()
     }
 
-    fn problem<'a>(&'a self, observed: &'a Observed<'a>) -> Problem<'a> {
-        observed.problem(self.model.borrow_dependent(), &self.config, Engine::PORTABLE)
+    fn problems<'a>(&'a self, observed: &'a [Observed<'a>]) -> Vec<Problem<'a>> {
+        let (model, config) = (self.model.borrow_dependent(), &self.config);
+        observed.iter().map(|observed| observed.problem(model, config, Engine::PORTABLE)).collect()
     }
 }
 
-// A search borrows what was made of the inputs, which borrows the inputs.
+type Observations<'a> = Vec<Observed<'a>>;
+
+/// The problem of each photo, and the photos.
+struct Posed<'a> {
+    problems: Vec<Problem<'a>>,
+    photos: Vec<chain::Photo<'a>>,
+}
+
+type Search<'a> = Searching<'a, 'a>;
+
+// A search borrows what was made of what was made of the inputs.
 self_cell!(
     struct Prepared {
         owner: Inputs,
         #[covariant]
-        dependent: Observed,
+        dependent: Observations,
     }
 );
 
-type Search<'a> = Searching<'a, 'a>;
+self_cell!(
+    struct Ready {
+        owner: Prepared,
+        #[covariant]
+        dependent: Posed,
+    }
+);
 
 self_cell!(
     struct Started {
-        owner: Prepared,
+        owner: Ready,
         #[not_covariant]
         dependent: Search,
     }
 );
 
-/// A fit of a model to a photo.
+/// A fit of a model to photos of one subject.
 #[wasm_bindgen]
 pub struct Fit(Started);
 
 #[wasm_bindgen]
 impl Fit {
-    /// Prepares a fit. `landmarks` is the text of a `.tlms` file, lines of `name visible x y` in
-    /// pixels of the photo; `settings` a JSON object.
+    /// Prepares a fit to one photo or several of one subject. `landmarks` are the texts of their
+    /// `.tlms` files, lines of `name visible x y` in pixels of the photo; `settings` a JSON object.
     ///
     /// # Errors
-    /// Landmarks and settings that do not go with the model and the photo.
+    /// Landmarks and settings that do not go with the model and the photos; too many photos.
     #[wasm_bindgen(constructor)]
     pub fn new(
         model: &Model,
-        photo: &Photo,
-        landmarks: &str,
+        photos: Vec<Photo>,
+        landmarks: Vec<String>,
         settings: &str,
     ) -> Result<Fit, JsError> {
-        Ok(Self(start(model, photo, landmarks, settings)?))
+        Ok(Self(start(model, photos, &landmarks, settings)?))
     }
 
     /// Makes up to `count` steps; how many it made. 0: the fit is done.
@@ -168,58 +194,62 @@ impl Fit {
         })
     }
 
-    /// The face so far drawn over the part of the photo the fit looks at; `behind` what hides it.
+    /// The face so far drawn over the part of a photo the fit looks at; `behind` what hides it.
     ///
     /// # Errors
-    /// None.
-    pub fn overlay(&self, behind: bool) -> Result<Pixels, JsError> {
-        self.0.with_dependent(|prepared, searching| {
+    /// No photo of this number; they count from 0.
+    pub fn overlay(&self, photo: usize, behind: bool) -> Result<Pixels, JsError> {
+        let mask = self.mask(photo)?;
+        self.0.with_dependent(|ready, searching| {
+            let prepared = ready.borrow_owner();
+            let views = searching.search.evidence().map(Evidence::view);
+            let mut seen = views.zip(prepared.borrow_dependent());
+            let (view, Observed { picture, .. }) = seen.nth(photo).ok_or_else(missing)?;
+            let scene = Scene { subject: searching.search.subject().clone(), view: *view };
             let model = prepared.borrow_owner().model.borrow_dependent();
-            let picture = &prepared.borrow_dependent().picture;
-            let drawn = render::draw_over(model, &searching.search.scene(), picture)?;
-            Ok(Pixels(if behind { output::behind(&self.mask().0, picture, &drawn) } else { drawn }))
+            let drawn = render::draw_over(model, &scene, picture)?;
+            Ok(Pixels(if behind { output::behind(&mask.0, picture, &drawn) } else { drawn }))
         })
     }
 
     /// The mask so far: white where that part of the photo shows the face, black where something
     /// hides it or the face does not reach.
-    pub fn mask(&self) -> Pixels {
-        let crop = self.inputs().crop;
-        self.with(|searching| Pixels(output::mask(crop, searching.search.mask())))
+    ///
+    /// # Errors
+    /// No photo of this number.
+    pub fn mask(&self, photo: usize) -> Result<Pixels, JsError> {
+        let crop = self.look(photo)?.crop;
+        self.with(|searching| {
+            let evidence = searching.search.evidence().nth(photo).ok_or_else(missing)?;
+            Ok(Pixels(output::mask(crop, evidence.mask())))
+        })
     }
 
     /// Left, top, width and height of that part, in pixels of the photo.
-    #[wasm_bindgen(getter)]
-    pub fn crop(&self) -> Vec<u32> {
-        let crop = self.inputs().crop;
-        [crop.origin, crop.size].concat()
-    }
-
-    /// Ends the fit, `seconds` after it began: what it leaves behind.
     ///
     /// # Errors
-    /// None for a fit that is done.
-    pub fn finish(self, seconds: f64, model: String, image: String) -> Result<Fitted, JsError> {
-        let started = self.0;
-        let job = started.borrow_owner().borrow_owner().job();
-        let fits = started.with_dependent(|prepared, searching| {
-            let problem = prepared.borrow_owner().problem(prepared.borrow_dependent());
-            searching.end([(&job, problem)], seconds)
+    /// No photo of this number.
+    pub fn crop(&self, photo: usize) -> Result<Vec<u32>, JsError> {
+        let crop = self.look(photo)?.crop;
+        Ok([crop.origin, crop.size].concat())
+    }
+
+    /// Ends the fit, `seconds` after it began: what it leaves behind. `images` are the photos' names.
+    ///
+    /// # Errors
+    /// Another number of names than photos.
+    pub fn finish(
+        self,
+        seconds: f64,
+        model: String,
+        images: Vec<String>,
+    ) -> Result<Fitted, JsError> {
+        let jobs = self.inputs().jobs();
+        let fits = self.0.with_dependent(|ready, searching| {
+            let problems = ready.borrow_dependent().problems.iter().copied();
+            searching.end(jobs.iter().zip(problems), seconds)
         })?;
-        let [fit] = &fits[..] else { return Err(JsError::new("a fit of one photo")) };
-        let stem = image.rsplit_once('.').map_or(&*image, |(stem, _)| stem);
-        let landmarks = format!("{stem}.tlms");
-        let photo = PhotoNames { image, landmarks: landmarks.clone(), mask: None };
-        let names = Names { model, photos: vec![photo] };
-        let finished = output::finish(&job, fit, &names, 0)?;
-        let mut files: Vec<_> = output::files(&finished)?
-            .into_iter()
-            .map(|(name, bytes)| File { name: name.into(), bytes })
-            .collect();
-        files.push(File { name: landmarks, bytes: job.landmarks.to_text().into_bytes() });
-        let page = report::fit_report(&finished, job.model.provenance())?;
-        files.push(File { name: "report.html".into(), bytes: page.into_bytes() });
-        Ok(Fitted { summary: finished.summary, files })
+        Ok(finished(&jobs, &fits, model, images)?)
     }
 }
 
@@ -229,21 +259,82 @@ impl Fit {
     }
 
     fn inputs(&self) -> &Inputs {
-        self.0.borrow_owner().borrow_owner()
+        self.0.borrow_owner().borrow_owner().borrow_owner()
+    }
+
+    fn look(&self, photo: usize) -> Result<&Look> {
+        self.inputs().looks.get(photo).ok_or_else(missing)
     }
 }
 
-fn start(model: &Model, photo: &Photo, landmarks: &str, settings: &str) -> Result<Started> {
+fn missing() -> Error {
+    Error::new("the fit has no photo of this number")
+}
+
+/// What fits leave behind; of several photos as the command lays it out.
+fn finished(
+    jobs: &[Job<'_>],
+    fits: &[fit::Fit],
+    model: String,
+    images: Vec<String>,
+) -> Result<Fitted> {
+    if images.len() != jobs.len() {
+        return Err(Error::new("finish() wants a name for each photo"));
+    }
+    let named = |image| PhotoNames { image, landmarks: String::new(), mask: None };
+    let mut names = Names { model, photos: images.into_iter().map(named).collect() };
+    let folders: Vec<_> = (0..jobs.len()).map(|photo| names.folder(photo)).collect();
+    for (photo, folder) in names.photos.iter_mut().zip(&folders) {
+        photo.landmarks = format!("{folder}.tlms");
+    }
+    let mut files = Vec::new();
+    let mut add = |name: String, bytes| files.push(File { name, bytes });
+    let mut results = Vec::new();
+    for (photo, ((job, fit), folder)) in jobs.iter().zip(fits).zip(folders).enumerate() {
+        let result = output::finish(job, fit, &names, photo)?;
+        for (name, bytes) in output::files(&result)? {
+            let several = jobs.len() > 1;
+            add(if several { format!("{folder}/{name}") } else { name.into() }, bytes);
+        }
+        add(format!("{folder}.tlms"), job.landmarks.to_text().into_bytes());
+        results.push((result, folder));
+    }
+    let provenance = jobs.first().map_or("", |job| job.model.provenance());
+    let page = match &results[..] {
+        [(result, _)] => report::fit_report(result, provenance)?,
+        results => report::subject_report(results, provenance)?,
+    };
+    add("report.html".into(), page.into_bytes());
+    let results: Vec<_> = results.into_iter().map(|(result, _)| result).collect();
+    if results.len() > 1 {
+        for (name, bytes) in output::files_of_all(&results)? {
+            add(name.into(), bytes);
+        }
+    }
+    let summaries = results.into_iter().map(|result| result.summary).collect();
+    Ok(Fitted { summaries, files })
+}
+
+fn start(
+    model: &Model,
+    photos: Vec<Photo>,
+    landmarks: &[String],
+    settings: &str,
+) -> Result<Started> {
     let settings: Settings =
         serde_json::from_str(settings).map_err(|e| Error::new(format_args!("settings: {e}")))?;
-    let (model, photo) = (Rc::clone(&model.0), Rc::clone(&photo.0));
-    let landmarks = Tlms::parse(landmarks)?;
-    let names: Vec<_> = model.borrow_dependent().landmarks().map(|(name, _)| name).collect();
-    landmarks.check(photo.width, photo.height, &names)?;
     if !(32..=2048).contains(&settings.size) {
         return Err(Error::new(format_args!("size is {}, expected 32 to 2048", settings.size)));
     }
-    let size = [photo.width, photo.height];
+    let count = photos.len();
+    if !(1..=MAX_PHOTOS).contains(&count) || landmarks.len() != count {
+        return Err(Error::new(format_args!(
+            "{count} photos and the landmarks of {}; a fit takes 1 to {MAX_PHOTOS} of one person, \
+             each with its own",
+            landmarks.len()
+        )));
+    }
+    let model = Rc::clone(&model.0);
     let view = model.borrow_dependent();
     let config = Schedule::Mode.config(view, settings.size).with(|config| {
         config.shape_rank = settings.shape_rank.unwrap_or(config.shape_rank);
@@ -251,42 +342,63 @@ fn start(model: &Model, photo: &Photo, landmarks: &str, settings: &str) -> Resul
         config.landmark_sd = settings.landmark_sd.unwrap_or(config.landmark_sd);
         config.pixel_patch = settings.pixel_patch.unwrap_or(config.pixel_patch);
     });
-    let sd = config.landmark_sd;
-    fit::landmarks::check_sides(view, &landmarks, size, settings.size, sd)?;
-    let crop = fit::landmarks::crop_around(view, &landmarks, size, settings.size, sd)?;
-    let memory = MutBorrow::new(Vec::new());
-    let mut inputs = Inputs { model, photo, landmarks, crop, config, memory };
-    let words = {
-        let observed = inputs.observe()?;
-        search::words(&inputs.problem(&observed), &Options::default())
-    };
-    inputs.memory = MutBorrow::new(vec![0; words]);
+    let mut looks = Vec::new();
+    for (photo, text) in photos.into_iter().zip(landmarks) {
+        let look = look(view, photo.0, text, settings.size, config.landmark_sd);
+        looks.push(look.map_err(|e| match count {
+            1 => e,
+            _ => Error::new(format_args!("photo {}: {e}", looks.len() + 1)),
+        })?);
+    }
+    let inputs = Inputs { model, looks, config, memory: MutBorrow::new(Vec::new()) };
     let prepared = Prepared::try_new(inputs, Inputs::observe)?;
-    Started::try_new(prepared, |prepared| {
-        let (inputs, observed) = (prepared.borrow_owner(), prepared.borrow_dependent());
-        let memory = inputs.memory.borrow_mut();
-        Searching::start(inputs.problem(observed), Options::default(), memory)
+    let ready = Ready::new(prepared, |prepared| {
+        let problems = prepared.borrow_owner().problems(prepared.borrow_dependent());
+        Posed { photos: problems.iter().map(|problem| problem.photo).collect(), problems }
+    });
+    Started::try_new(ready, |ready| {
+        let Posed { problems, photos } = ready.borrow_dependent();
+        let problem = *problems.first().ok_or_else(missing)?;
+        let others = photos.get(1..).unwrap_or_default();
+        let options = Options { others, ..Options::default() };
+        let memory = ready.borrow_owner().borrow_owner().memory.borrow_mut();
+        let words = search::words(&problem, &options);
+        memory.try_reserve_exact(words).map_err(Error::new)?;
+        memory.resize(words, 0);
+        Searching::start(problem, options, memory)
     })
+}
+
+fn look(model: &View<'_>, photo: Rc<Picture>, landmarks: &str, side: u32, sd: f32) -> Result<Look> {
+    let landmarks = Tlms::parse(landmarks)?;
+    let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
+    let size = [photo.width, photo.height];
+    landmarks.check(photo.width, photo.height, &names)?;
+    fit::landmarks::check_sides(model, &landmarks, size, side, sd)?;
+    let crop = fit::landmarks::crop_around(model, &landmarks, size, side, sd)?;
+    Ok(Look { photo, landmarks, crop })
 }
 
 /// A finished fit.
 #[wasm_bindgen]
 pub struct Fitted {
-    pub(crate) summary: Summary,
+    pub(crate) summaries: Vec<Summary>,
     files: Vec<File>,
 }
 
 #[wasm_bindgen]
 impl Fitted {
-    /// The contents of `fit.json`.
+    /// The contents of a photo's `fit.json`.
     ///
     /// # Errors
-    /// A number that JSON cannot hold.
-    pub fn json(&self) -> Result<String, JsError> {
-        Ok(self.summary.to_json()?)
+    /// No photo of this number.
+    pub fn json(&self, photo: Option<usize>) -> Result<String, JsError> {
+        let summary = self.summaries.get(photo.unwrap_or(0)).ok_or_else(missing)?;
+        Ok(summary.to_json()?)
     }
 
-    /// What the command would write, file by file.
+    /// What the command would write, file by file; those of one photo among several are in a folder
+    /// named like it.
     pub fn files(&self) -> Vec<File> {
         self.files.clone()
     }

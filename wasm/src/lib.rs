@@ -107,6 +107,12 @@ impl Photo {
         Ok(Self(Rc::new(Picture { width, height, rgb })))
     }
 
+    /// The same photo once more, for a fit to take; its pixels are not copied.
+    #[expect(clippy::should_implement_trait, reason = "it is for JavaScript")]
+    pub fn clone(&self) -> Photo {
+        Self(Rc::clone(&self.0))
+    }
+
     /// Columns.
     #[wasm_bindgen(getter)]
     pub fn width(&self) -> u32 {

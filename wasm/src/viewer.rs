@@ -3,6 +3,7 @@
 use crate::fit::Fitted;
 use crate::{File, Model, Opened, Pixels};
 use onescan::error::{Error, Result};
+use onescan::fit::summary::Summary;
 use onescan::mesh::Mesh;
 use onescan::mesh::glb;
 use onescan::mesh::ply::{self, Encoding};
@@ -70,8 +71,9 @@ impl Viewer {
 
     /// The face of a fit.
     pub fn adopt(&mut self, fitted: &Fitted) {
-        let scene = &fitted.summary.parameters;
-        self.set(&scene.subject.shape, &scene.subject.albedo);
+        if let Some(Summary { parameters, .. }) = fitted.summaries.first() {
+            self.set(&parameters.subject.shape, &parameters.subject.albedo);
+        }
     }
 
     /// Light by name: `front`, `left`, `right`, `above`, `even`.
@@ -92,11 +94,13 @@ impl Viewer {
         Ok(())
     }
 
-    /// The light and the colours of a fitted photo.
+    /// The light and the colours of a fitted photo; of the first if there is none of this number.
     #[wasm_bindgen(js_name = illuminateAs)]
-    pub fn illuminate_as(&mut self, fitted: &Fitted) {
-        let scene = &fitted.summary.parameters;
-        (self.light, self.color) = (scene.view.light, scene.view.color);
+    pub fn illuminate_as(&mut self, fitted: &Fitted, photo: Option<usize>) {
+        let all = &fitted.summaries;
+        if let Some(Summary { parameters, .. }) = all.get(photo.unwrap_or(0)).or(all.first()) {
+            (self.light, self.color) = (parameters.view.light, parameters.view.color);
+        }
     }
 
     /// Draws it on a ground of one colour (`0xrrggbb`), turned by radians.

@@ -1,10 +1,10 @@
 /** What both tests need: places, the native program, and the browser. */
 
 import { execFileSync } from 'node:child_process';
-import { readFileSync } from 'node:fs';
+import { readFileSync, readdirSync, rmSync } from 'node:fs';
 import { createServer } from 'node:http';
 import { fileURLToPath } from 'node:url';
-import { join } from 'node:path';
+import { join, relative } from 'node:path';
 import { gunzipSync } from 'node:zlib';
 import { chromium } from 'playwright-core';
 import sirv from 'sirv';
@@ -13,6 +13,8 @@ const at = (path) => fileURLToPath(new URL(path, import.meta.url));
 
 export const DIST = at('../dist');
 export const PHOTOS = at('../../fixtures/photos');
+/** Two rough pictures of one face, from the front and from a side. */
+export const PAIR = ['05_00.jpg', '05_30.jpg'].map((name) => at(`../../fixtures/rough/${name}`));
 /** Where pictures and native results go. */
 export const OUT = process.env.OUT ?? at('../dist/test');
 const ONESCAN = process.env.ONESCAN ?? at('../../target/release/onescan');
@@ -25,15 +27,31 @@ export const goldenSearch = (name) => /^search (\w+)$/m.exec(golden(name))[1];
 /** The page's model. */
 export const model = () => gunzipSync(readFileSync(join(DIST, 'face.3dmm.gz')));
 
+/** The file of a photo's landmarks. */
+export const marks = (photo) => photo.replace(/\.\w+$/, '.tlms');
+
 /** `fit.json` of the native program's fit of the page's model, a file, to a sample. */
 export function native(modelFile, photo, options = []) {
-  const out = join(OUT, `native-${photo}`);
-  const landmarks = join(PHOTOS, photo.replace(/\.\w+$/, '.tlms'));
-  const fit = ['--quiet', 'fit', modelFile, join(PHOTOS, photo), '--landmarks', landmarks, '-o', out];
+  const out = fitted(modelFile, `native-${photo}`, [join(PHOTOS, photo)], options);
+  return JSON.parse(readFileSync(join(out, 'fit.json'), 'utf8'));
+}
+
+/** Where the native program's fit to photos of one person is: its files, by name. */
+export function nativePair(modelFile, options = []) {
+  const out = fitted(modelFile, 'native-pair', PAIR, options);
+  const names = readdirSync(out, { recursive: true, withFileTypes: true }).filter((entry) => entry.isFile());
+  const path = ({ parentPath, name }) => relative(out, join(parentPath, name));
+  return new Map(names.map((entry) => [path(entry), readFileSync(join(entry.parentPath, entry.name))]));
+}
+
+function fitted(modelFile, name, photos, options) {
+  const out = join(OUT, name);
+  rmSync(out, { recursive: true, force: true });
+  const fit = ['--quiet', 'fit', modelFile, ...photos, '--landmarks', ...photos.map(marks), '-o', out];
   // All components: what JavaScript takes by default.
   fit.push('--schedule', 'mode', '--shape-rank', '200', '--albedo-rank', '200');
   execFileSync(ONESCAN, [...fit, ...options], { stdio: 'inherit' });
-  return JSON.parse(readFileSync(join(out, 'fit.json'), 'utf8'));
+  return out;
 }
 
 /** Serves wasm/dist and opens a browser on it; `close()` when done. */

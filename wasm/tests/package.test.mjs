@@ -5,7 +5,7 @@ import { copyFileSync, mkdirSync, readFileSync, symlinkSync, writeFileSync, exis
 import { join } from 'node:path';
 import test from 'node:test';
 import { brotliCompressSync } from 'node:zlib';
-import { DIST, OUT, PHOTOS, goldenSearch, model, native } from './common.mjs';
+import { DIST, OUT, PAIR, PHOTOS, goldenSearch, marks, model, native, nativePair } from './common.mjs';
 import { create } from '../dist/js/onescan.js';
 
 const bytes = model();
@@ -91,6 +91,51 @@ test('a JPEG gives the native fit, run or stepped', { timeout: 120_000 }, async 
   assert.equal(await cancelled.run(), false);
 });
 
+test('two photos of one person give the native fit, and its files', { timeout: 240_000 }, async () => {
+  const files = nativePair(modelFile, ['--size', '128']);
+  const expected = JSON.parse(files.get('summary.json')).fits;
+  const onescan = await create();
+  const photo = PAIR.map((path) => onescan.photo(new Uint8Array(readFileSync(path))));
+  const landmarks = PAIR.map((path) => readFileSync(marks(path), 'utf8'));
+  const job = { model: onescan.model(bytes), photo, landmarks, size: 128 };
+  const fit = onescan.fit(job);
+  assert.equal(fit.photos, 2);
+  while (fit.step() > 0);
+  assert.equal(fit.fingerprint, expected[0].fingerprint);
+  // Each photo is seen by itself.
+  for (const show of [(photo) => fit.overlay({ photo }), (photo) => fit.mask(photo)]) {
+    const [a, b] = [0, 1].map((number) => show(number).rgba());
+    assert.ok(a.some((value, i) => value !== b[i]));
+    assert.throws(() => show(2), /no photo of this number/);
+  }
+  for (const number of [0, 1]) {
+    const { origin, size } = expected[number].image.crop;
+    assert.deepEqual(fit.crop(number), [...origin, ...size]);
+  }
+  const names = PAIR.map((path) => path.split('/').at(-1));
+  const fitted = fit.finish({ model: 'face.3dmm', photo: names });
+  for (const number of [0, 1]) {
+    const summary = JSON.parse(fitted.json(number));
+    for (const key of ['parameters', 'mode', 'trace', 'pixel_rmse', 'others', 'landmarks', 'fingerprint']) {
+      assert.deepEqual(summary[key], expected[number][key], key);
+    }
+    assert.match(summary.command, /^onescan fit face.3dmm 05_00.jpg 05_30.jpg --landmarks 05_00.tlms 05_30.tlms /);
+  }
+  const own = new Map(fitted.files().map(({ name, bytes: content }) => [name, content]));
+  assert.deepEqual([...own.keys()].sort(), [...files.keys(), ...names.map(marks)].sort());
+  for (const name of ['mesh.glb', '05_00/overlay.png', '05_30/overlay.png', '05_30/fit.rps', '05_30/mask.png']) {
+    assert.deepEqual(Buffer.from(own.get(name)), files.get(name), name);
+  }
+  // An array of one is that one.
+  const alone = [{ photo: photo[0], landmarks: landmarks[0] }, { photo: [photo[0]], landmarks: [landmarks[0]] }];
+  const [a, b] = alone.map((shown) => {
+    const one = onescan.fit({ ...job, ...shown });
+    one.step(3);
+    return one.fingerprint;
+  });
+  assert.equal(a, b);
+});
+
 test('the full-size golden case', { timeout: 120_000 }, async () => {
   const onescan = await create();
   const fit = onescan.fit({
@@ -141,6 +186,12 @@ test('what is wrong is said', async () => {
     [() => onescan.fit({ model: good, photo, landmarks, shapeRank: 1000 }), /at most 200/],
     [() => onescan.fit({ model: good, photo, landmarks, size: 1e6 }), /size is 1000000/],
     [() => onescan.fit({ model: good, photo, landmarks, samples: 5 }), /unknown field `samples`/],
+    [() => onescan.fit({ model: good, photo: [], landmarks: [] }), /^Error: 0 photos and the landmarks of 0; a fit takes 1 to 8/],
+    [() => onescan.fit({ model: good, photo: [photo, photo], landmarks: [marked] }), /2 photos and the landmarks of 1/],
+    [() => onescan.fit({ model: good, photo: [photo, photo], landmarks: marked }), /2 photos and the landmarks of 1/],
+    [() => onescan.fit({ model: good, photo: Array(9).fill(photo), landmarks: Array(9).fill(landmarks) }), /9 photos/],
+    [() => onescan.fit({ model: good, photo: [portrait, photo], landmarks: [marked, 'nose 1 2'] }), /photo 2: line 1/],
+    [() => onescan.fit({ model: good, photo: portrait, landmarks: marked }).finish({ photo: ['a', 'b'] }), /a name for each photo/],
   ];
   for (const [wrong, message] of cases) assert.throws(wrong, message);
 });

@@ -1,13 +1,16 @@
 /** The page in Chromium, as a visitor uses it. Pictures of it are left in target/browser. */
 
 import assert from 'node:assert/strict';
+import { execFileSync } from 'node:child_process';
 import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import test, { after, before } from 'node:test';
-import { OUT, PHOTOS, golden, goldenSearch, model, native, open } from './common.mjs';
+import { OUT, PAIR, PHOTOS, golden, goldenSearch, model, native, open } from './common.mjs';
 import { compare, lines } from '../../tests/wasm/stages.mjs';
 
+/** Prints a file of an archive whose checksums hold. */
+const UNZIP = 'import sys, zipfile; z = zipfile.ZipFile(sys.argv[1]); assert z.testzip() is None; sys.stdout.buffer.write(z.read(sys.argv[2]))';
 const DESKTOP = { width: 1280, height: 900 };
 const PHONE = { width: 390, height: 844 };
 
@@ -246,6 +249,102 @@ test('a phone: landmarks are found, moved by keys, and the fit runs', { timeout:
   assert.deepEqual(faults, []);
   await close();
 });
+
+for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE })) {
+  test(`two photos of one person are fitted together: ${device}`, { timeout: 300_000 }, async () => {
+    const { page, faults, close } = await visit(viewport);
+    await ready(page);
+    assert.equal(await page.locator('#add').isVisible(), false);
+    await page.setInputFiles('#file', PAIR[0]);
+    await said(page, 'Found them');
+    await page.locator('#add').waitFor({ state: 'visible' });
+    const [chooser] = await Promise.all([page.waitForEvent('filechooser'), page.click('#add')]);
+    await chooser.setFiles(PAIR[1]);
+    const tabs = page.locator('#shots button');
+    await tabs.nth(1).waitFor({ state: 'visible' });
+    await page.waitForFunction(() => !document.getElementById('fit').disabled);
+    await shot(page, `pair-landmarks-${device}`);
+    const place = () => page.locator('#handles g').first().getAttribute('transform');
+    const pressed = () => tabs.evaluateAll((all) => all.map((tab) => tab.ariaPressed));
+    assert.deepEqual(await pressed(), ['false', 'true']);
+
+    // Each has its own landmarks, and the keyboard switches between them.
+    const second = await place();
+    await tabs.nth(0).focus();
+    await page.keyboard.press('Enter');
+    assert.deepEqual(await pressed(), ['true', 'false']);
+    const first = await place();
+    assert.notEqual(first, second);
+    await page.locator('#handles g').first().focus();
+    await page.keyboard.press('ArrowLeft');
+    await page.keyboard.press('ArrowRight');
+    await tabs.nth(1).click();
+    assert.equal(await place(), second);
+
+    // A photo without landmarks holds up the fit.
+    await page.click('#clear');
+    assert.equal(await page.locator('#fit').isDisabled(), true);
+    assert.match(await tabs.nth(1).getAttribute('title'), /landmarks are missing/);
+    await tabs.nth(0).click();
+    assert.equal(await page.locator('#fit').isDisabled(), true);
+    await tabs.nth(1).click();
+    await page.click('#detect');
+    await said(page, 'Found them');
+
+    await page.click('#fit');
+    await page.waitForFunction(() => /^Step [1-9]/.test(document.getElementById('speed').textContent));
+    // The other one can be watched meanwhile.
+    await tabs.nth(0).click();
+    await said(page, 'Done', 200_000);
+    await shot(page, `pair-${device}`);
+    const front = { photo: await look(page, 'photo'), mask: await look(page, 'mask') };
+    const facts = await page.locator('#facts').innerText();
+    await tabs.nth(1).click();
+    await page.waitForTimeout(300);
+    assert.ok(difference(front.photo, await look(page, 'photo')) > 2, 'the other photo is shown');
+    assert.ok(difference(front.mask, await look(page, 'mask')) > 1, 'with its mask');
+    assert.notEqual(await page.locator('#facts').innerText(), facts);
+    const fitted = await look(page, 'photo');
+    await page.locator('#opacity').fill('0');
+    await page.waitForTimeout(300);
+    assert.ok(difference(fitted, await look(page, 'photo')) > 0.2, 'and the model over it');
+    await page.locator('#opacity').fill('1');
+    await shot(page, `pair-side-${device}`);
+
+    const { name, bytes } = await download(page, '[data-save="fit.json"]');
+    assert.equal(name, '05_30-fit.json');
+    const side = JSON.parse(bytes);
+    const all = await download(page, '[data-save="fit.zip"]');
+    const archive = join(OUT, `pair-${device}.zip`);
+    writeFileSync(archive, all.bytes);
+    const unpacked = (file) => execFileSync('python3', ['-c', UNZIP, archive, file], { maxBuffer: 1e8 });
+    const { fits } = JSON.parse(unpacked('summary.json'));
+    assert.deepEqual(fits.map(({ image }) => image.file), ['05_00.jpg', '05_30.jpg']);
+    assert.deepEqual(fits[1], side);
+    assert.deepEqual(fits[0].parameters.shape, side.parameters.shape);
+    // From the front and from a side.
+    const yaws = fits.map(({ parameters }) => parameters.pose.yaw);
+    assert.ok(Math.abs(yaws[0] - yaws[1]) > 0.3, `yaws ${yaws}`);
+    for (const file of ['05_00/overlay.png', '05_30/overlay.png', '05_30/fit.rps', 'report.html', 'mesh.glb', '05_30.tlms']) {
+      assert.ok(unpacked(file).length > 100, file);
+    }
+
+    if (device === 'desktop') {
+      await page.click('#verify');
+      await page.locator('#verified', { hasText: 'the same to the last bit' }).waitFor({ timeout: 200_000 });
+    }
+    await page.click('#remove');
+    await said(page, '05_30.jpg is removed');
+    assert.equal(await tabs.count(), 0);
+    assert.equal(await place(), first);
+    assert.equal(await page.locator('#numbers').isVisible(), false);
+    assert.equal(await page.locator('#fit').isDisabled(), false);
+    const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+    assert.equal(overflow, 0, 'nothing is wider than the screen');
+    assert.deepEqual(faults, []);
+    await close();
+  });
+}
 
 test('landmarks by hand, keyboard alone', { timeout: 120_000 }, async () => {
   const { page, close } = await visit(DESKTOP);
