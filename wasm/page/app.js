@@ -345,6 +345,8 @@ async function findLandmarks() {
     const { shot } = state;
     if (!shot) return;
     const found = await detect(shot.picture);
+    // A photo dropped meanwhile is looked at by itself.
+    if (shot !== state.shot) return;
     if (!found) {
       say('No face was found. Set the landmarks by hand: click where each is in the photo.');
       return;
@@ -469,6 +471,7 @@ const position = () => (state.shot ? state.shots.indexOf(state.shot) : 0);
 /** What was found, of the photo that is shown. */
 function showNumbers() {
   const { fingerprint, progress, summary } = state.fitted?.result;
+  element('several', HTMLElement).hidden = !Array.isArray(summary);
   const { pixel_rmse: error, landmark_rmse_px: landmarks, steps, mode } = [summary].flat()[position()];
   const percent = (/** @type {number} */ x) => `${(100 * x).toFixed(1)} %`;
   const facts = {

@@ -144,7 +144,7 @@ impl Fit {
         landmarks: Vec<String>,
         settings: &str,
     ) -> Result<Fit, JsError> {
-        Ok(Self(start(model, photos, &landmarks, settings)?))
+        Ok(Self(start(model, photos, landmarks, settings)?))
     }
 
     /// Makes up to `count` steps; how many it made. 0: the fit is done.
@@ -318,7 +318,7 @@ fn finished(
 fn start(
     model: &Model,
     photos: Vec<Photo>,
-    landmarks: &[String],
+    landmarks: Vec<String>,
     settings: &str,
 ) -> Result<Started> {
     let settings: Settings =
@@ -344,7 +344,7 @@ fn start(
     });
     let mut looks = Vec::new();
     for (photo, text) in photos.into_iter().zip(landmarks) {
-        let look = look(view, photo.0, text, settings.size, config.landmark_sd);
+        let look = look(view, photo.0, &text, settings.size, config.landmark_sd);
         looks.push(look.map_err(|e| match count {
             1 => e,
             _ => Error::new(format_args!("photo {}: {e}", looks.len() + 1)),

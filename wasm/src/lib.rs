@@ -108,6 +108,7 @@ impl Photo {
     }
 
     /// The same photo once more, for a fit to take; its pixels are not copied.
+    #[must_use]
     #[expect(clippy::should_implement_trait, reason = "it is for JavaScript")]
     pub fn clone(&self) -> Photo {
         Self(Rc::clone(&self.0))
