@@ -220,7 +220,8 @@ async function choose(shot) {
   showMask();
   if (state.fitted) showNumbers();
   refresh();
-  await client.watch(state.shots.indexOf(shot));
+  await client.watch(position());
+  if (state.fitted && element('light', HTMLSelectElement).value === 'photo') await illuminate();
 }
 
 on('add', () => input('more').click());
@@ -506,12 +507,12 @@ function showFace(coefficients) {
 on('show-fitted', async () => showFace(await client.fitted()));
 on('show-random', async () => showFace(await client.random(crypto.getRandomValues(new Uint32Array(1))[0])));
 on('show-mean', async () => showFace(await client.mean()));
-element('light', HTMLSelectElement).addEventListener('change', () =>
-  attempt(async () => {
-    await client.light(element('light', HTMLSelectElement).value, position());
-    view.draw();
-  }),
-);
+element('light', HTMLSelectElement).addEventListener('change', () => attempt(illuminate));
+
+async function illuminate() {
+  await client.light(element('light', HTMLSelectElement).value, position());
+  view.draw();
+}
 
 /** Saves a file by its ending; where each photo has its own, that of the photo that is shown. @param {string} ending */
 async function saveFile(ending) {

@@ -299,8 +299,12 @@ for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE
     await shot(page, `pair-${device}`);
     const front = { photo: await look(page, 'photo'), mask: await look(page, 'mask') };
     const facts = await page.locator('#facts').innerText();
+    await page.selectOption('#light', 'photo');
+    await page.waitForTimeout(300);
+    const lit = await look(page, 'view');
     await tabs.nth(1).click();
     await page.waitForTimeout(300);
+    assert.ok(difference(lit, await look(page, 'view')) > 1, 'the face is lit as in the photo that is shown');
     assert.ok(difference(front.photo, await look(page, 'photo')) > 2, 'the other photo is shown');
     assert.ok(difference(front.mask, await look(page, 'mask')) > 1, 'with its mask');
     assert.notEqual(await page.locator('#facts').innerText(), facts);
