@@ -10,7 +10,8 @@
 //!
 //! Chains begin with the Gauss–Newton matrix of the mode. In rounds of a warm-up, which is thrown away, each
 //! notes positions and forces that it meets ([`Sampler::places`]); those of all chains together tell a
-//! better metric ([`improve`]), which all of them adopt. How far they turn at once is adapted as well, and
+//! better metric ([`improve`]), which all of them adopt, and along turns of the head, where the posterior is bent,
+//! how wide it is ([`widen`]). How far they turn at once is adapted as well, and
 //! then both are held.
 
 pub mod hamiltonian;
@@ -32,12 +33,16 @@ use crate::search::{Held, ModeSearch, Options, Part, held_words, surface_words};
 use core::f64::consts::FRAC_PI_2;
 use hamiltonian::{Density, Field, State, Trajectory};
 pub use metric::Metric;
-pub use precision::{improve, improve_words};
+pub use precision::{improve, improve_words, widen};
 
 /// The most unknowns there may be.
 pub const MAX_UNKNOWNS: usize = Layout::MOST.len();
 /// Acceptance that the angle is adapted to.
-const ACCEPTANCE: f64 = 0.75;
+const ACCEPTANCE: f64 = 0.88;
+/// By how much a step changes the angle's logarithm at first, and as how many steps what was adapted in
+/// other coordinates counts.
+const GAIN: f64 = 0.5;
+const KNOWN: u32 = 8;
 /// Angles between which it is adapted, radians.
 const ANGLES: [f64; 2] = [0.05, 1.0];
 /// The angle to begin with.
@@ -226,7 +231,8 @@ impl<F: Field> Walk<F> {
         let k = f64::from(self.adapted);
         let miss = f64::from(u8::from(outcome == Outcome::Accepted)) - ACCEPTANCE;
         let [now, average] = &mut self.ln_angle;
-        *now = (*now + miss / math::sqrt_f64(k)).clamp(math::ln(ANGLES[0]), math::ln(ANGLES[1]));
+        *now = (*now + GAIN * miss / math::sqrt_f64(k))
+            .clamp(math::ln(ANGLES[0]), math::ln(ANGLES[1]));
         // The later a step, the more it counts.
         *average += 2.0 / (k + 1.0) * (*now - *average);
         outcome
@@ -309,14 +315,33 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         places.get(..core::mem::take(noted)).unwrap_or_default()
     }
 
-    /// Changes to other coordinates, which [`improve`] has found, and adapts anew.
+    /// How a view's rotation vector goes along positions: by which direction's product with them each of
+    /// its unknowns changes.
+    pub fn turns(&self) -> impl Iterator<Item = Unknowns> {
+        let Around { held, metric, .. } = &self.walk.target.0;
+        let layout = held.layout();
+        let unknowns = (0..layout.views).flat_map(move |view| layout.pose(view).take(3));
+        unknowns.map(move |unknown| {
+            let mut direction = Unknowns::new();
+            // There is room for all.
+            let _ = direction.resize(layout.len(), 0.0);
+            if let Some(one) = direction.get_mut(unknown) {
+                *one = 1.0;
+            }
+            metric.solve_transposed(&mut direction);
+            direction
+        })
+    }
+
+    /// Changes to other coordinates, which [`improve`] or [`widen`] has found, and adapts anew.
     pub fn adopt(&mut self, change: &Metric<'_>) {
         let Walk { target: Density(around), state, .. } = &mut self.walk;
         around.metric.change(change);
         change.multiply(&mut state.position);
         change.solve_transposed(&mut state.force);
-        self.walk.adapted = 0;
-        self.walk.ln_angle = [math::ln(ANGLE); 2];
+        let [now, average] = &mut self.walk.ln_angle;
+        *now = *average;
+        self.walk.adapted = self.walk.adapted.min(KNOWN);
     }
 
     /// How far it turns at once, radians, by what has been adapted.

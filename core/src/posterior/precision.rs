@@ -5,6 +5,10 @@
 //! `−C⁻¹(v − E v)`, since `E[∇ ln π(v) vᵀ] = −1` (Stein's identity). Of a normal density the force is that map,
 //! whereever the places are. So the precision `S = C⁻¹` is found by least squares, with [`PRIOR`] as much
 //! said for `S = 1`, and then made symmetric.
+//!
+//! Where the density is not normal, `S` is the mean of how the force changes, and a density that is narrow here and
+//! flat there is wider than that says. Along a single direction it is better to look at the places
+//! themselves ([`widen`]); along all of them that would take many more places than there are.
 
 use super::Unknowns;
 use super::metric::Metric;
@@ -16,7 +20,10 @@ const PRIOR: f32 = 2.0;
 /// What is left of it in the end: the least of these by which the rest is positive definite.
 const LEFT: [f32; 5] = [0.1, 0.2, 0.4, 0.6, 0.8];
 
-/// Words of memory that [`improve`] needs for so many unknowns.
+/// How many times as wide a density may be found, at most: its variance.
+const WIDER: f32 = 4.0;
+
+/// Words of memory that [`improve`] and [`widen`] need for so many unknowns.
 pub fn improve_words(n: usize) -> usize {
     system_words(n) + 2 * matrix_words(n)
 }
@@ -41,7 +48,6 @@ pub fn improve<'m>(
     let mut spare = Unknowns::new();
     spare.resize(n, 0.0).ok()?;
     regress(n, places, engine, [&mut *equations, &mut *factor, &mut *rows], &mut spare)?;
-    let engine = engine.normal_equations;
     let mut found = false;
     for left in LEFT {
         let all = factor.chunks_exact_mut(width).enumerate();
@@ -52,8 +58,9 @@ pub fn improve<'m>(
                 *to = own + 0.5 * (1.0 - left) * (at(i, j) + at(j, i));
             }
         }
+        let solve = engine.normal_equations.solve;
         let scratch = equations.as_chunks_mut().0;
-        if (engine.solve)(factor.as_chunks_mut().0, &mut spare, scratch).is_some() {
+        if solve(factor.as_chunks_mut().0, &mut spare, scratch).is_some() {
             found = true;
             break;
         }
@@ -62,11 +69,60 @@ pub fn improve<'m>(
         return None;
     }
     let change = Metric::new(n, factor.as_chunks_mut().0)?;
+    take_to(&change, n, places);
+    Some(change)
+}
+
+/// Takes places to the coordinates that a change leads to.
+fn take_to(change: &Metric<'_>, n: usize, places: &mut [f32]) {
     for place in places.chunks_exact_mut(2 * n) {
         let (position, force) = place.split_at_mut(n);
         change.multiply(position);
         change.solve_transposed(force);
     }
+}
+
+/// Finds coordinates in which the variance along one direction is 1, if it is more than that at the
+/// places, of which all else is as for [`improve`]; a direction is as many numbers as there are unknowns, of
+/// any length, and the variance of its product with positions is looked at.
+pub fn widen<'m>(
+    direction: &[f32],
+    places: &mut [f32],
+    engine: &Engine,
+    memory: &'m mut [f32],
+) -> Option<Metric<'m>> {
+    let (n, width) = (direction.len(), row_words(direction.len()));
+    let square: f32 = direction.iter().map(|x| x * x).sum();
+    if places.len() < 4 * n || !(square > 0.0) {
+        return None;
+    }
+    let (mut sum, mut squares, mut count) = (0.0_f64, 0.0_f64, 0.0_f64);
+    for place in places.chunks_exact(2 * n) {
+        let along: f32 = place.iter().zip(direction).map(|(x, d)| x * d).sum();
+        let along = f64::from(along);
+        (sum, squares, count) = (sum + along, squares + along * along, count + 1.0);
+    }
+    let variance = (squares - sum * sum / count) as f32 / (count as f32 * square);
+    let less = 1.0 - 1.0 / variance.min(WIDER);
+    if !(less > 0.0) {
+        return None;
+    }
+    let (scratch, rest) = memory.split_at_mut_checked(system_words(n))?;
+    let factor = rest.get_mut(..matrix_words(n))?;
+    // 1 less so much of the direction's square.
+    for ((i, row), d) in factor.chunks_exact_mut(width).enumerate().zip(direction) {
+        row.fill(0.0);
+        for ((j, to), other) in row.iter_mut().enumerate().zip(direction).skip(i) {
+            let own = if i == j { 1.0 } else { 0.0 };
+            *to = own - less / square * d * other;
+        }
+    }
+    let mut spare = Unknowns::new();
+    spare.resize(n, 0.0).ok()?;
+    let solve = engine.normal_equations.solve;
+    solve(factor.as_chunks_mut().0, &mut spare, scratch.as_chunks_mut().0)?;
+    let change = Metric::new(n, factor.as_chunks_mut().0)?;
+    take_to(&change, n, places);
     Some(change)
 }
 
@@ -172,6 +228,39 @@ mod tests {
             let off = places.chunks_exact(2 * N).map(|p| (p[0] - mean + p[N]).powi(2)).sum::<f32>();
             assert!(off < 0.5 * 4000.0, "{drawn}: {off}");
         }
+    }
+
+    #[test]
+    fn a_density_that_is_wider_along_a_direction_is_made_round() {
+        let mut rng = Rng::new(9, 0);
+        let direction: Vec<f32> = (0..N).map(|_| rng.normal_sd(2.0)).collect();
+        let square: f32 = direction.iter().map(|d| d * d).sum();
+        let along = |v: &[f32]| direction.iter().zip(v).map(|(d, x)| d * x).sum::<f32>();
+        let mut places = Vec::new();
+        for _ in 0..4000 {
+            let mut v: Vec<f32> = (0..N).map(|_| 1.0 + rng.normal_sd(1.0)).collect();
+            let more = (3.0_f32.sqrt() - 1.0) * along(&v) / square;
+            for (x, d) in v.iter_mut().zip(&direction) {
+                *x += more * d;
+            }
+            let forces = vec![0.0; N];
+            places.extend(v);
+            places.extend(forces);
+        }
+        let mut memory = vec![0.0; improve_words(N)];
+        widen(&direction, &mut places, Engine::PORTABLE, &mut memory).unwrap();
+        for i in 0..N {
+            for j in 0..=i {
+                let mean = |f: &dyn Fn(&[f32]) -> f32| {
+                    places.chunks_exact(2 * N).map(f).sum::<f32>() / 4000.0
+                };
+                let (a, b) = (mean(&|p| p[i]), mean(&|p| p[j]));
+                let covariance = mean(&|p| (p[i] - a) * (p[j] - b));
+                let expected = f32::from(u8::from(i == j));
+                assert!((covariance - expected).abs() < 0.1, "{i} {j}: {covariance}");
+            }
+        }
+        assert!(widen(&[0.0; N], &mut places, Engine::PORTABLE, &mut memory).is_none());
     }
 
     #[test]

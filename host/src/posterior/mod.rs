@@ -179,6 +179,17 @@ fn warm_up(chains: &mut [Sampler<'_, '_, OTHERS>], engine: &Engine, control: &Co
             }
         }
     }
+    let turns = chains.first().map_or(0, |chain| chain.turns().count());
+    for number in 0..turns {
+        let direction = chains.first().and_then(|chain| chain.turns().nth(number));
+        let change = direction
+            .and_then(|direction| posterior::widen(&direction, &mut places, engine, &mut memory));
+        if let Some(change) = change {
+            for chain in &mut *chains {
+                chain.adopt(&change);
+            }
+        }
+    }
     if !go(chains, TURNING) {
         return false;
     }
