@@ -57,6 +57,7 @@ struct Found {
 /// of the picture, and 2 % at every pixel.
 fn drawn(people: &[Identity], count: usize) -> Vec<Case<'_>> {
     let (template, names) = template().unwrap();
+    let count = count.min(people.len());
     let every = people.len() / count;
     let case = |number: usize| {
         let truth = &people[every * number];
@@ -159,9 +160,15 @@ fn mean(states: &[Vec<f32>]) -> Vec<[f32; 3]> {
     all.as_chunks().0.to_vec()
 }
 
-fn run(model: &Model<'_>, template: &Mesh, case: &Case<'_>, draws: u32, patch: f32) -> Found {
+fn run(
+    model: &Model<'_>,
+    template: &Mesh,
+    case: &Case<'_>,
+    draws: u32,
+    patch: Option<f32>,
+) -> Found {
     let config = Schedule::Mode.config(model, Crop::LONGER_SIDE);
-    let config = config.with(|config| config.pixel_patch *= patch / 80.0);
+    let config = config.with(|config| config.pixel_patch = patch.unwrap_or(config.pixel_patch));
     let job = Job {
         model,
         photo: &case.photo,
@@ -207,7 +214,7 @@ fn run(model: &Model<'_>, template: &Mesh, case: &Case<'_>, draws: u32, patch: f
 }
 
 /// All of a kind, and their mean.
-fn all(name: &str, cases: &[Case<'_>], draws: u32, patch: f32) -> Found {
+fn all(name: &str, cases: &[Case<'_>], draws: u32, patch: Option<f32>) -> Found {
     let built = template_model(RANK, &mut |_, _| ()).unwrap();
     let (template, _) = template().unwrap();
     let mut sum = Found::default();
@@ -244,7 +251,7 @@ fn all(name: &str, cases: &[Case<'_>], draws: u32, patch: f32) -> Found {
         }
     }
     let n = cases.len() as f64;
-    show(&format!("{name}, all {}, patch {patch}:", cases.len()), n, known, &sum);
+    show(&format!("{name}, all {}:", cases.len()), n, known, &sum);
     Found { vertices: sum.vertices.map(|x| x / n), shape: sum.shape.map(|x| x / n), ..sum }
 }
 
@@ -253,9 +260,9 @@ fn intervals_hold_the_truth() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures");
     let people = identities(&fixtures).unwrap();
     let directory = std::env::var_os("ONESCAN_ROUGH");
-    let (count, draws) = if directory.is_some() { (40.0, 50) } else { (2.0, 25) };
-    let number = |name: &str, or: f32| std::env::var(name).map_or(or, |text| text.parse().unwrap());
-    let (count, patch) = (number("ONESCAN_FACES", count) as usize, number("ONESCAN_PATCH", 80.0));
+    let (count, draws) = if directory.is_some() { (40, 50) } else { (2, 25) };
+    let count = std::env::var("ONESCAN_FACES").map_or(count, |text| text.parse().unwrap());
+    let patch = std::env::var("ONESCAN_PATCH").ok().map(|text| text.parse().unwrap());
     let directory = directory.map_or(fixtures.join("rough"), Into::into);
     for (name, cases) in
         [("drawn", drawn(&people, count)), ("rough", rough(&directory, &people, count))]

@@ -16,8 +16,8 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
             "--patch" => "ONESCAN_PATCH",
             _ => break,
         };
-        if !number.parse::<f32>().is_ok_and(|number| number >= 1.0) {
-            return Err(format!("{option} {number}: expected a number of at least 1"));
+        if !number.parse::<u32>().is_ok_and(|number| number >= 1) {
+            return Err(format!("{option} {number}: expected a whole number of at least 1"));
         }
         test.env(name, number);
         rest = after;

@@ -10,9 +10,8 @@
 //!
 //! Chains begin with the Gauss–Newton matrix of the mode. In rounds of a warm-up, which is thrown away, each
 //! notes positions and forces that it meets ([`Sampler::places`]); those of all chains together tell a
-//! better metric ([`improve`]), which all of them adopt, and along turns of the head, where the posterior is bent,
-//! how wide it is ([`widen`]). How far they turn at once is adapted as well, and
-//! then both are held.
+//! better metric ([`improve`]), which all of them adopt, and along turns of the head, where the posterior is
+//! bent, how wide it is ([`widen`]). How far they turn at once is adapted as well, and then both are held.
 
 pub mod hamiltonian;
 #[cfg(test)]
@@ -315,8 +314,8 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         places.get(..core::mem::take(noted)).unwrap_or_default()
     }
 
-    /// How a view's rotation vector goes along positions: by which direction's product with them each of
-    /// its unknowns changes.
+    /// How the head turns as the position changes: of every view the three directions whose products with
+    /// positions are its rotation vector, radians.
     pub fn turns(&self) -> impl Iterator<Item = Unknowns> {
         let Around { held, metric, .. } = &self.walk.target.0;
         let layout = held.layout();

@@ -6,9 +6,9 @@
 //! whereever the places are. So the precision `S = C⁻¹` is found by least squares, with [`PRIOR`] as much
 //! said for `S = 1`, and then made symmetric.
 //!
-//! Where the density is not normal, `S` is the mean of how the force changes, and a density that is narrow here and
-//! flat there is wider than that says. Along a single direction it is better to look at the places
-//! themselves ([`widen`]); along all of them that would take many more places than there are.
+//! Where the density is not normal, `S` is the mean of how the force changes, and a density that is narrow
+//! here and flat there is wider than that says. Along a single direction it is better to look at the
+//! places themselves ([`widen`]); along all of them that would take many more places than there are.
 
 use super::Unknowns;
 use super::metric::Metric;
@@ -20,7 +20,7 @@ const PRIOR: f32 = 2.0;
 /// What is left of it in the end: the least of these by which the rest is positive definite.
 const LEFT: [f32; 5] = [0.1, 0.2, 0.4, 0.6, 0.8];
 
-/// How many times as wide a density may be found, at most: its variance.
+/// The largest variance along a direction that places are believed.
 const WIDER: f32 = 4.0;
 
 /// Words of memory that [`improve`] and [`widen`] need for so many unknowns.
@@ -48,6 +48,7 @@ pub fn improve<'m>(
     let mut spare = Unknowns::new();
     spare.resize(n, 0.0).ok()?;
     regress(n, places, engine, [&mut *equations, &mut *factor, &mut *rows], &mut spare)?;
+    let solve = engine.normal_equations.solve;
     let mut found = false;
     for left in LEFT {
         let all = factor.chunks_exact_mut(width).enumerate();
@@ -58,7 +59,6 @@ pub fn improve<'m>(
                 *to = own + 0.5 * (1.0 - left) * (at(i, j) + at(j, i));
             }
         }
-        let solve = engine.normal_equations.solve;
         let scratch = equations.as_chunks_mut().0;
         if solve(factor.as_chunks_mut().0, &mut spare, scratch).is_some() {
             found = true;
@@ -82,9 +82,11 @@ fn take_to(change: &Metric<'_>, n: usize, places: &mut [f32]) {
     }
 }
 
-/// Finds coordinates in which the variance along one direction is 1, if it is more than that at the
-/// places, of which all else is as for [`improve`]; a direction is as many numbers as there are unknowns, of
-/// any length, and the variance of its product with positions is looked at.
+/// Finds coordinates in which the variance along one direction is 1, given places as for [`improve`], where
+/// it is more than that. A direction is as many numbers as there are unknowns, of any length; looked at is
+/// the variance of its product with positions, and what is uncorrelated with that stays as it is. Places are
+/// then in these coordinates; nothing changes, and there is no factor, if they are no wider there, fewer than
+/// two, or if there is too little memory ([`improve_words`]).
 pub fn widen<'m>(
     direction: &[f32],
     places: &mut [f32],

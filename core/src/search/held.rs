@@ -112,7 +112,7 @@ struct Photo<'w> {
 
 /// What is held of a block that counts.
 #[derive(Clone, Copy)]
-pub(crate) struct Look {
+struct Look {
     /// What its point should look like, `d + c₀`.
     color: Vec3,
     /// `s`, along x and y.

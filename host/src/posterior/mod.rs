@@ -179,6 +179,7 @@ fn warm_up(chains: &mut [Sampler<'_, '_, OTHERS>], engine: &Engine, control: &Co
             }
         }
     }
+    // One after the other, each in the coordinates that the one before led to.
     let turns = chains.first().map_or(0, |chain| chain.turns().count());
     for number in 0..turns {
         let direction = chains.first().and_then(|chain| chain.turns().nth(number));
