@@ -180,22 +180,13 @@ impl Evidence<'_, '_> {
                 }
             }
         }
-        for v in 0..model.vertices() {
-            let cost = xyz(at(costs.normals, v));
-            if cost == [0.0; 3] {
-                continue;
-            }
-            let turned = apply(&window.rotation, cross(xyz(at(surface.normals, v)), cost));
+        for (normal, cost) in surface.normals.iter().zip(&*costs.normals) {
+            let turned = apply(&window.rotation, cross(xyz(*normal), xyz(*cost)));
             for (sum, t) in pose.iter_mut().zip(turned) {
                 *sum += f64::from(t);
             }
-            let positions = &mut *costs.positions;
-            surface.normal_adjoint(model, v, [cost], |vertex, [cost]| {
-                if let Some(to) = positions.get_mut(vertex) {
-                    *to = [to[0] + cost[0], to[1] + cost[1], to[2] + cost[2], 0.0];
-                }
-            });
         }
+        surface.add_normals_adjoint(model, costs.normals, costs.positions);
         let Some(parts) = layout.split(gradient, self.number) else { return };
         for (g, p) in parts.pose.iter_mut().zip(pose) {
             *g += p as f32;

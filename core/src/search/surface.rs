@@ -51,6 +51,39 @@ fn face_normal([a, b, c]: [Vec3; 3]) -> (Vec3, f32) {
     (scale(normal, inverse), inverse)
 }
 
+/// `σ` of a vertex, whose unit normal and `1/‖S‖` are given, from what its normal costs.
+#[inline(always)]
+fn by_sum([x, y, z, inverse]: Quad, cost: Vec3) -> Vec3 {
+    let n = [x, y, z];
+    scale(sub(cost, scale(n, dot(n, cost))), inverse)
+}
+
+/// How what a face's unit normal costs is passed on to its corners.
+struct FaceAdjoint {
+    normal: Vec3,
+    inverse: f32,
+    to_b: Vec3,
+    to_c: Vec3,
+}
+
+impl FaceAdjoint {
+    #[inline(always)]
+    fn new([a, b, c]: [Vec3; 3]) -> Self {
+        let (normal, inverse) = face_normal([a, b, c]);
+        Self { normal, inverse, to_b: sub(b, a), to_c: sub(c, a) }
+    }
+
+    /// What the corners cost.
+    #[inline(always)]
+    fn of(&self, sum: Vec3) -> [Vec3; 3] {
+        let n = self.normal;
+        let passed = scale(sub(sum, scale(n, dot(n, sum))), self.inverse);
+        let by_b = cross(self.to_c, passed);
+        let by_c = cross(passed, self.to_b);
+        [scale(add(by_b, by_c), -1.0), by_b, by_c]
+    }
+}
+
 impl<'w> Surface<'w> {
     /// Takes the memory and lists the faces around every vertex; `None` if there is too little.
     pub(super) fn carve(carver: &mut Carver<'w>, model: &Model<'_>) -> Option<Self> {
@@ -111,6 +144,35 @@ impl<'w> Surface<'w> {
         add(a, add(scale(sub(b, a), second), scale(sub(c, a), third)))
     }
 
+    /// Passes what vertices' normals cost back to the positions around them, face by face; leaves `σ` in
+    /// the former.
+    pub(super) fn add_normals_adjoint(
+        &self,
+        model: &Model<'_>,
+        normals: &mut [Quad],
+        positions: &mut [Quad],
+    ) {
+        for (cost, normal) in normals.iter_mut().zip(&*self.normals) {
+            let [x, y, z] = by_sum(*normal, xyz(*cost));
+            *cost = [x, y, z, 0.0];
+        }
+        for t in 0..model.triangles.len() {
+            let Some(corners) = model.triangles.get(t) else { continue };
+            let corners = corners.map(|v| v as usize);
+            let [a, b, c] = corners.map(|v| xyz(at(normals, v)));
+            let sum = add(add(a, b), c);
+            if sum == [0.0; 3] {
+                continue;
+            }
+            let costs = FaceAdjoint::new(corners.map(|v| xyz(at(self.positions, v)))).of(sum);
+            for (corner, cost) in corners.into_iter().zip(costs) {
+                if let Some(to) = positions.get_mut(corner) {
+                    *to = [to[0] + cost[0], to[1] + cost[1], to[2] + cost[2], 0.0];
+                }
+            }
+        }
+    }
+
     /// Passes what a vertex's normal costs several functions back to the positions around it: calls
     /// `each` with vertices and what is to be added to their positions' costs.
     #[inline(always)]
@@ -121,24 +183,17 @@ impl<'w> Surface<'w> {
         costs: [Vec3; N],
         mut each: impl FnMut(usize, [Vec3; N]),
     ) {
-        let [x, y, z, inverse] = at(self.normals, vertex);
-        let n = [x, y, z];
-        let sums = costs.map(|cost| scale(sub(cost, scale(n, dot(n, cost))), inverse));
+        let normal = at(self.normals, vertex);
+        let sums = costs.map(|cost| by_sum(normal, cost));
         let mut own = [[0.0; 3]; N];
         let range = at(self.starts, vertex) as usize..at(self.starts, vertex + 1) as usize;
         for &face in self.around.get(range).unwrap_or_default() {
             let Some(corners) = model.triangles.get(face as usize) else { continue };
             let corners = corners.map(|v| v as usize);
-            let [a, b, c] = corners.map(|v| xyz(at(self.positions, v)));
-            let (n, inverse) = face_normal([a, b, c]);
-            let (to_b, to_c) = (sub(b, a), sub(c, a));
+            let face = FaceAdjoint::new(corners.map(|v| xyz(at(self.positions, v))));
             let mut by = [[[0.0; 3]; N]; 3];
             for (i, sum) in sums.into_iter().enumerate() {
-                let passed = scale(sub(sum, scale(n, dot(n, sum))), inverse);
-                let by_b = cross(to_c, passed);
-                let by_c = cross(passed, to_b);
-                let costs = [scale(add(by_b, by_c), -1.0), by_b, by_c];
-                for (to, cost) in by.iter_mut().zip(costs) {
+                for (to, cost) in by.iter_mut().zip(face.of(sum)) {
                     if let Some(to) = to.get_mut(i) {
                         *to = cost;
                     }
