@@ -1,9 +1,29 @@
-//! Writing files whole or not at all.
+//! Reading text; writing files whole or not at all.
 
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
+
+/// Reads a text of UTF-8, or of UTF-16 if a byte order mark says so; the mark is not part of it.
+///
+/// # Errors
+/// A file that cannot be read or is not text; they name the file.
+pub fn read_text(path: &Path) -> Result<String> {
+    let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+    let units = |unit: fn([u8; 2]) -> u16| {
+        let units = bytes.as_chunks().0.iter().skip(1).map(|pair| unit(*pair));
+        char::decode_utf16(units).collect::<std::result::Result<String, _>>().ok()
+    };
+    let text = match &bytes[..] {
+        [0xff, 0xfe, ..] => units(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => units(u16::from_be_bytes),
+        bytes => std::str::from_utf8(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes))
+            .ok()
+            .map(str::to_owned),
+    };
+    text.ok_or_else(|| Error::file(path, "not a text; give a file of text, saved as UTF-8"))
+}
 
 /// Writes a file by `content` under a temporary name beside `path`, then renames it: readers
 /// see the old file or the whole new one, never a part.
@@ -53,6 +73,23 @@ mod tests {
         assert!(failed.unwrap_err().to_string().contains("cannot write: disk full"));
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(&directory).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn text_is_read_whatever_wrote_it() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let read = |bytes: &[u8]| {
+            std::fs::write(file.path(), bytes).unwrap();
+            read_text(file.path())
+        };
+        assert_eq!(read(b"a \xc3\xa9").unwrap(), "a é");
+        assert_eq!(read(b"\xef\xbb\xbfa").unwrap(), "a");
+        assert_eq!(read(b"\xff\xfea\0\xe9\0").unwrap(), "aé");
+        assert_eq!(read(b"\xfe\xff\0a").unwrap(), "a");
+        for no_text in [&b"\x89PNG"[..], b"\xff\xfe\0\xd8"] {
+            let error = read(no_text).unwrap_err().to_string();
+            assert!(error.ends_with("not a text; give a file of text, saved as UTF-8"), "{error}");
+        }
     }
 
     #[test]

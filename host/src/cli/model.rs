@@ -3,6 +3,7 @@
 use super::{file_name, meshes, model_file, output_file, positive, read_model, write_model};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
+use onescan::files::read_text;
 use onescan::files::write_atomically;
 use onescan::interchange::Format;
 use onescan::mesh::landmarks::{self, Point};
@@ -257,7 +258,7 @@ fn per_vertex<T>(
     expected: &str,
     parse: impl Fn(&str) -> Option<T>,
 ) -> Result<Vec<T>> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    let text = read_text(path)?;
     let values = text
         .split_whitespace()
         .enumerate()

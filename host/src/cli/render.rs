@@ -52,6 +52,9 @@ impl Render {
         let model = file.view();
         let (yaw, pitch) = (self.yaw.to_radians(), self.pitch.to_radians());
         let fitted = if let Some(path) = &self.fit {
+            if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("rps")) {
+                return Err(Error::file(path, "not fit.json; give an .rps to --rps"));
+            }
             let summary = Summary::read(path)?;
             if summary.model.checksum != hex(model.checksum()) {
                 return Err(Error::file(

@@ -4,6 +4,7 @@
 mod old;
 
 use crate::error::{Error, Result};
+use crate::files::read_text;
 use crate::fit::summary::check_scene;
 use crate::json;
 use onescan_core::color::ColorTransform;
@@ -30,7 +31,7 @@ impl Rps {
     /// # Errors
     /// As [`Rps::parse`], naming the file; a file that cannot be read.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+        let text = read_text(path)?;
         Self::parse(&text).map_err(|e| Error::file(path, e))
     }
 

@@ -1,6 +1,7 @@
 //! `fit.json` and `summary.json`: what a fit did and found, for programs and for `render --fit`.
 
 use crate::error::{Error, Result};
+use crate::files::read_text;
 use crate::json;
 use crate::photo::{Crop, MAX_SIDE};
 use onescan_core::scene::Scene;
@@ -258,7 +259,7 @@ impl Summary {
     /// # Errors
     /// As [`Summary::parse`], naming the file; a file that cannot be read.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+        let text = read_text(path)?;
         Self::parse(&text).map_err(|e| Error::file(path, e))
     }
 

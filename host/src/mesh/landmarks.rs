@@ -1,6 +1,7 @@
 //! Named landmarks on a scan, from the JSON that landmark editors of 3D meshes write.
 
 use crate::error::{Error, Result};
+use crate::files::read_text;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
@@ -76,7 +77,7 @@ fn entries(text: &str) -> Result<Vec<Entry>> {
 /// # Errors
 /// When the file cannot be read, and those of [`parse`]; they name the file.
 pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    let text = read_text(path)?;
     parse(&text, points, millimetres).map_err(|e| Error::file(path, e))
 }
 
@@ -131,7 +132,7 @@ pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
 /// # Errors
 /// When the file cannot be read, and those of [`uncertainties`]; they name the file.
 pub fn read_uncertainties(path: &Path) -> Result<BTreeMap<String, Uncertainty>> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    let text = read_text(path)?;
     uncertainties(&text).map_err(|e| Error::file(path, e))
 }
 
@@ -162,7 +163,7 @@ fn uncertain(id: &str) -> Error {
 /// # Errors
 /// When the file cannot be read, and those of [`parse_points`]; they name the file.
 pub fn read_points(path: &Path) -> Result<Vec<Point>> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    let text = read_text(path)?;
     parse_points(&text).map_err(|e| Error::file(path, e))
 }
 

@@ -4,6 +4,7 @@
 mod pts;
 
 use crate::error::{Error, Result};
+use crate::files::read_text;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -40,7 +41,7 @@ impl Tlms {
     /// # Errors
     /// As [`Tlms::parse`] and [`Tlms::parse_pts`], naming the file; a file that cannot be read.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+        let text = read_text(path)?;
         let parse = if Self::is_pts(path) { Self::parse_pts } else { Self::parse };
         parse(&text).map_err(|e| Error::file(path, e))
     }
@@ -63,6 +64,9 @@ impl Tlms {
     /// that was there before.
     pub fn parse(text: &str) -> Result<Self> {
         let mut landmarks: Vec<Landmark2> = Vec::new();
+        if text.trim_start().starts_with(['{', '[']) {
+            return Err(Error::new("JSON, expected lines of `id visible x y`, in pixels"));
+        }
         for (number, line) in (1..).zip(text.trim_start_matches('\u{feff}').lines()) {
             let at = |message: String| Error::new(format_args!("line {number}: {message}"));
             let fields: Vec<&str> = line.split_whitespace().collect();
@@ -245,6 +249,7 @@ mod tests {
     fn errors_name_the_line() {
         assert!(error("a 1 2 3\nb 1 2").starts_with("line 2: 3 fields"));
         assert!(error("a 1 2 3 4").contains("3-D"));
+        assert!(error(" {\"a\": [1, 2]}").starts_with("JSON, expected lines"));
         assert!(error("a yes 2 3").contains("visible is `yes`"));
         assert!(error("a 1 2 nan").contains("y is `nan`"));
         assert!(error("a 1 1e99 3").contains("x is `1e99`"));

@@ -2,6 +2,7 @@
 
 use super::{Kernel, mean_of, rbf, rgb_rbf};
 use crate::error::{Error, Result};
+use crate::files::read_text;
 use crate::mesh::Axis;
 use serde::Deserialize;
 use std::path::Path;
@@ -275,7 +276,7 @@ impl Kernels {
     /// # Errors
     /// Those of reading and parsing; they name the file.
     pub fn read(path: &Path, preset: &Preset, mirror: Option<Axis>) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+        let text = read_text(path)?;
         let mut kernels = Self::parse(&text, preset, mirror).map_err(|e| Error::file(path, e))?;
         let file = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy();
         kernels.name = format!("{} by {file}", kernels.name);
