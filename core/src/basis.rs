@@ -139,6 +139,26 @@ impl<'a> Basis<'a> {
         })
     }
 
+    /// How far a component is the same all over: the share of its squares that its means over the vertices
+    /// account for, 0 to 1. As components are orthogonal, those of all add up to 3 at most.
+    pub fn evenness(&self, component: usize) -> f32 {
+        let (rank, blocks) = (self.rank().max(1), self.mean.len() / 3);
+        let (mut even, mut all) = (0.0_f64, 0.0_f64);
+        for plane in self.columns.chunks_exact((blocks * rank).max(1)) {
+            let (mut sum, mut squares) = (0_i64, 0_i64);
+            let blocks = plane.chunks_exact(rank).filter_map(|block| block.get(component));
+            for entry in blocks.flatten() {
+                let entry = i64::from(*entry);
+                sum += entry;
+                squares += entry * entry;
+            }
+            even += sum as f64 * sum as f64;
+            all += squares as f64;
+        }
+        let entries = (LANES * blocks) as f64;
+        if all > 0.0 { (even / (entries * all)) as f32 } else { 0.0 }
+    }
+
     /// Fills `components` with the first components at a vertex, each scaled by its standard
     /// deviation. What is out of range stays as it is.
     pub fn at(&self, vertex: usize, components: &mut [[f32; 3]]) {

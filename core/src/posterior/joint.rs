@@ -29,7 +29,7 @@ use crate::least_squares::{matrix_words, row_words};
 use crate::metropolis::Outcome;
 use crate::rng::Rng;
 use crate::search::Options;
-use crate::search::probe::Naive;
+use crate::search::probe::{Naive, WIDER};
 use crate::search::tests::Case;
 use core::array::from_fn;
 use face::{Face, Shown, Vector, mean};
@@ -251,7 +251,9 @@ fn draw(planted: &Planted<'_, '_>, rng: &mut Rng) -> Drawn {
     let (problem, widths) = (around.held.problem(), around.held.widths());
     let spread = f64::from(PIXEL) / table.naive.weight().sqrt();
     loop {
-        let (face, turn) = Face::draw(rng, &table.mode, &widths, &problem.config.prior);
+        let albedo_sd = |i| around.held.albedo_sd(i);
+        let prior = &problem.config.prior;
+        let (face, turn) = Face::draw(rng, &table.mode, &widths, albedo_sd, prior);
         let shown = table.show(around, &face);
         let lacking = table.lacking(&shown);
         let proposal =
@@ -413,7 +415,7 @@ fn with(error: Error, landmark: f32, f: impl FnOnce(&mut Walk<Planted<'_, '_>>, 
     case.config.pixel_sd = PIXEL;
     (case.config.shape_rank, case.config.albedo_rank) = (RANK, RANK);
     // Of some 1,600 pixels.
-    case.config.pixel_patch = 1600.0 / WORTH;
+    case.config.pixel_patch = 1600.0 / (WIDER * WORTH);
     case.give(Options::default(), false, |mut search| {
         while search.step().is_some() {}
         let mut memory = vec![0; 1 << 20];

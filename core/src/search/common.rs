@@ -1,6 +1,6 @@
 //! What all photos of a search share.
 
-use super::priors::{Priors, Widths};
+use super::priors::{Complexion, Priors, Widths};
 use super::surface::Surface;
 use super::unknowns::Layout;
 use crate::basis::ByVertex;
@@ -75,6 +75,7 @@ impl Energy {
 pub(super) struct Common<'a, 'w> {
     pub(super) problem: Problem<'a>,
     pub(super) widths: Widths,
+    pub(super) complexion: Complexion,
     pub(super) level: usize,
     /// Of the unknowns at this level.
     pub(super) layout: Layout,
@@ -122,7 +123,8 @@ impl<'a> Common<'a, '_> {
 
     /// The priors at work.
     pub(super) fn priors(&self) -> Priors<'a> {
-        Priors { prior: &self.problem.config.prior, widths: self.widths }
+        let Self { widths, complexion, .. } = *self;
+        Priors { prior: &self.problem.config.prior, widths, complexion }
     }
 }
 

@@ -3,7 +3,7 @@
 //! At the mode the pixel in the middle of a block of three by three shows some point of the surface: in a
 //! triangle, at some weights of its corners. These points are held, and followed wherever the surface goes:
 //!
-//! `E = priors + landmarks − W/Σa · 1/patch · Σ_b a_b ℓ_b`,
+//! `E = priors + landmarks − W/Σa · 1/(2 patch) · Σ_b a_b ℓ_b`,
 //!
 //! where `ℓ_b` is the log ratio of face and background, bounded, with shade (`image_term.rs`), of the block's
 //! mean square difference from the photo. As its point goes from looking like `c₀` to looking like `c`, and
@@ -16,7 +16,7 @@
 //! [`Held::force`] is its slope in the coordinates of `chart.rs`, and at the mode it is about what the search
 //! follows (`gradient.rs`). `a_b` is the sum of what the block's pixels count at the mode, their mask included,
 //! and stays: a mask that followed the state would make it no sampler. `W` is `Σa` of all pixels, for which
-//! the blocks stand.
+//! the blocks stand. Twice as many pixels share an error as for the search ([`WIDER`]).
 //!
 //! What else was tried (docs/posterior.md): to render anew for every state (where triangles are smaller than
 //! pixels colours jump, and contours come by, so that chains stick), and to look at the photo where the point
@@ -47,6 +47,9 @@ use crate::render::rasterize::Hit;
 use crate::scene::{Subject, View};
 use core::ops::Range;
 
+/// Times as many pixels share an error as for the search: with as many, intervals of albedo hold the truth too
+/// seldom (docs/calibration.md).
+pub(crate) const WIDER: f32 = 2.0;
 /// Planes that a force needs of a photo.
 const PLANES: usize = 7;
 /// Words of what is held of a block.
@@ -106,7 +109,7 @@ struct Photo<'w> {
     count: usize,
     /// Columns and rows of a box around them.
     face: [Range<usize>; 2],
-    /// `W/Σa`.
+    /// `W/(2 Σa)`.
     share: f32,
 }
 
@@ -341,7 +344,7 @@ impl<'w> Photo<'w> {
         let whole: f32 = evidence.planes.weights.iter().filter(|a| **a > HARDLY).sum();
         // Nothing may be seen.
         self.face = [0, 1].map(|axis| least[axis].min(end[axis])..end[axis]);
-        self.share = if sum > 0.0 { whole / sum } else { 0.0 };
+        self.share = if sum > 0.0 { whole / (WIDER * sum) } else { 0.0 };
         self.find_shares(scratch);
         Some(())
     }

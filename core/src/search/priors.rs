@@ -1,6 +1,7 @@
 //! What is known of pose, camera, light and colours before the picture is seen.
 
 use super::unknowns::Layout;
+use crate::basis::Basis;
 use crate::least_squares::Equations;
 use crate::light::{self, Light, SCALE};
 use crate::likelihood::prior::Prior;
@@ -21,9 +22,9 @@ pub struct Widths {
     pub chroma: [f32; 3],
     /// Standard deviation of a shape coefficient; the model's is 1.
     pub shape: f32,
-    /// Standard deviations of the albedo's leading coefficient, which is complexion all over, and of
-    /// the others; the model's is 1. Gaussian processes allow for more spots than people have,
-    /// and shadow and gloss would become skin.
+    /// Standard deviations of the albedo's coefficients that are [`Complexion`], and of the others; the
+    /// model's is 1. Gaussian processes allow for more spots than people have, and shadow and gloss would
+    /// become skin.
     pub albedo: [f32; 2],
     /// Of the logarithm of the focal length about the default camera's.
     pub focal: f32,
@@ -46,6 +47,33 @@ impl Default for Widths {
     }
 }
 
+/// Numbers of the albedo's components that are more or less the same all over, lighter and darker, redder
+/// and yellower; as evennesses add up to 3, five at most can be more even than not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Complexion([usize; 5]);
+
+impl Complexion {
+    /// Among the first components of a model's albedo.
+    pub(super) fn of(albedo: &Basis<'_>, rank: usize) -> Self {
+        let mut numbers = [usize::MAX; 5];
+        let mut left = 3.0;
+        let mut free = numbers.iter_mut();
+        for component in 0..rank {
+            let evenness = albedo.evenness(component);
+            if evenness > 0.5
+                && let Some(number) = free.next()
+            {
+                *number = component;
+            }
+            left -= evenness;
+            if left < 0.5 {
+                break;
+            }
+        }
+        Self(numbers)
+    }
+}
+
 /// `½ (x/sd)²`.
 fn energy(x: f32, sd: f32) -> f64 {
     let z = f64::from(x) / f64::from(sd);
@@ -64,6 +92,7 @@ fn sum_of_squares(values: &[f32]) -> f64 {
 pub(super) struct Priors<'a> {
     pub(super) prior: &'a Prior,
     pub(super) widths: Widths,
+    pub(super) complexion: Complexion,
 }
 
 impl Priors<'_> {
@@ -72,9 +101,9 @@ impl Priors<'_> {
     }
 
     /// Standard deviation of an albedo coefficient.
-    fn albedo(&self, i: usize) -> f32 {
+    pub(super) fn albedo(&self, i: usize) -> f32 {
         let [complexion, other] = self.widths.albedo;
-        if i == 0 { complexion } else { other }
+        if self.complexion.0.contains(&i) { complexion } else { other }
     }
 
     /// Standard deviations of a light coefficient's mean and of its channels about it.

@@ -3,6 +3,7 @@
 use super::common::{Common, Energy, Options, Scratch, larger};
 use super::evidence::{Evidence, evidence_words};
 use super::gradient::gradient_words;
+use super::priors::Complexion;
 use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
 use crate::basis::{ByVertex, by_vertex_words};
@@ -115,6 +116,7 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
         let common = Common {
             problem,
             widths: options.widths,
+            complexion: Complexion::of(&model.albedo, d.albedo_rank),
             level: 0,
             layout,
             subject: Subject::mean(d.shape_rank, d.albedo_rank),

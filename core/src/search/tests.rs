@@ -3,7 +3,7 @@
 use super::shading::Shading;
 use super::surface::at;
 use super::unknowns::Layout;
-use super::vector::{Vec3, dot, scale, sub, xyz};
+use super::vector::{Vec3, add, dot, scale, sub, xyz};
 use super::window::Window;
 use super::*;
 use crate::basis::{ByVertex, Costs, by_vertex_words, padded};
@@ -651,6 +651,29 @@ fn a_basis_and_its_transpose_agree_about_products() {
         let two: f64 = costs.iter().zip(&c).map(|(x, y)| f64::from(x * y)).sum();
         assert!((one - two).abs() < 1e-3 * one.abs().max(1.0), "{one} {two}");
     }
+}
+
+#[test]
+fn evenness_is_the_share_of_a_components_means() {
+    let bytes = aligned();
+    let model = model(&bytes);
+    let basis = &model.albedo;
+    let entries = padded(model.vertices()) as f32;
+    let evenness: Vec<f32> = (0..basis.rank()).map(|i| basis.evenness(i)).collect();
+    for (component, evenness) in evenness.iter().enumerate() {
+        let (mut sums, mut squares) = ([0.0; 3], 0.0);
+        let mut components = vec![[0.0; 3]; basis.rank()];
+        for vertex in 0..model.vertices() {
+            basis.at(vertex, &mut components);
+            let entry = components[component];
+            sums = add(sums, entry);
+            squares += dot(entry, entry);
+        }
+        let expected = dot(sums, sums) / (entries * squares);
+        assert!((evenness - expected).abs() < 1e-4, "{component}: {evenness} {expected}");
+    }
+    assert!(evenness[0] > 0.5 && evenness.iter().sum::<f32>() < 3.001, "{evenness:?}");
+    assert!(basis.evenness(basis.rank()) == 0.0);
 }
 
 #[test]

@@ -159,6 +159,7 @@ impl Face {
         rng: &mut Rng,
         mode: &Self,
         widths: &Widths,
+        albedo_sd: impl Fn(usize) -> f32,
         prior: &Prior,
     ) -> (Self, Vector) {
         let mut face = mode.clone();
@@ -166,7 +167,7 @@ impl Face {
             *c = rng.normal_sd(widths.shape);
         }
         for (i, c) in face.subject.albedo.iter_mut().enumerate() {
-            *c = rng.normal_sd(widths.albedo[i.min(1)]);
+            *c = rng.normal_sd(albedo_sd(i));
         }
         let (turn, vector) = rotation(rng, super::ROTATION);
         face.rotation = product(&turn, &mode.rotation);

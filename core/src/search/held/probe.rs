@@ -1,5 +1,6 @@
 //! What tests put into a held density, and its image term once more, slow and obvious.
 
+pub(crate) use super::WIDER;
 use super::*;
 use crate::chain::Problem;
 use crate::search::image_term::HOPELESS;
@@ -56,6 +57,11 @@ impl<'a> Held<'a, '_, 0> {
     /// Widths of the search's priors.
     pub(crate) fn widths(&self) -> Widths {
         self.search.common.widths
+    }
+
+    /// Standard deviation of an albedo coefficient.
+    pub(crate) fn albedo_sd(&self, i: usize) -> f32 {
+        self.search.common.priors().albedo(i)
     }
 
     /// Vertices of the landmarks.
