@@ -194,13 +194,7 @@ impl Fit {
         let looks =
             (0..self.images.len()).map(|i| self.look(&model, i)).collect::<Result<Vec<_>>>()?;
         let jobs: Vec<_> = looks.iter().map(|look| self.job(&model, look)).collect();
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            // The second signal ends the program at once.
-            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
-                .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
-                .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
-        }
+        let stop = stop_on_signals()?;
         if let Some(draws) = self.posterior {
             return self.run_posterior(&jobs, draws, &stop, &model, console);
         }
@@ -463,8 +457,19 @@ struct Look {
     crop: Crop,
 }
 
-fn interrupted() -> Error {
+pub(super) fn interrupted() -> Error {
     Error::new("interrupted; nothing was written")
+}
+
+/// A flag that Ctrl-C sets; the second one ends the program at once.
+pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
+            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+            .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
+    }
+    Ok(stop)
 }
 
 /// Says how a fit went.

@@ -88,6 +88,10 @@ pub struct ModeFound {
 #[cfg(feature = "full")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Laplace {
+    /// Log marginal likelihood of the photos under the model, up to a constant that the photos and
+    /// the settings tell: models may be compared on the same photos. 0 in files of before.
+    #[serde(default)]
+    pub ln_evidence: f64,
     /// Rotation about the x, y and z axis (about pitch, yaw and roll), degrees.
     pub rotation_deg: [f32; 3],
     /// Translation along x and y, mm.
