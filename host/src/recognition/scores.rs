@@ -11,6 +11,7 @@ use crate::fit::summary::{Laplace, Summary};
 use onescan_core::search::priors::Widths;
 use onescan_core::scene::Subject;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// How much the shape's cosine counts beside the albedo's.
 pub const SHAPE_SHARE: f64 = 0.6;
@@ -47,6 +48,18 @@ impl Face {
             deviations: laplace.map(|found| [found.shape.clone(), found.albedo.clone()]),
             ln_evidence: laplace.map_or(0.0, |found| found.ln_evidence),
         }
+    }
+}
+
+impl fmt::Display for Score {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Cosine => "cosine",
+            Self::Joint => "joint",
+            Self::Shape => "shape",
+            Self::Albedo => "albedo",
+            Self::Evidence => "evidence",
+        })
     }
 }
 

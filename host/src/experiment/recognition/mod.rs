@@ -7,7 +7,9 @@
 //! that runs commands of a list may run them, here or elsewhere.
 
 pub mod models;
+pub mod page;
 pub mod people;
+pub mod results;
 
 use crate::error::{Error, Result};
 use crate::files::write_atomically;

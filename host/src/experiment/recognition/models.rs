@@ -38,7 +38,7 @@ pub struct Named {
     /// How it comes about.
     pub origin: Origin,
     /// What the paper's table has for it at 15, 30 and 45°, %.
-    pub paper: Option<[f64; 3]>,
+    pub paper: [f64; 3],
 }
 
 /// The paper's table (and its supplement's) for models on the mean of the Basel face model, whose
@@ -84,7 +84,7 @@ impl Named {
         ];
         let scans = ON_SINGLE.into_iter().enumerate().map(scan);
         let all = kernels.into_iter().chain(scans).chain(learnt);
-        all.map(|(name, origin, paper)| Self { name, origin, paper: Some(paper) }).collect()
+        all.map(|(name, origin, paper)| Self { name, origin, paper }).collect()
     }
 
     /// Whether it is a component of the mixture.
