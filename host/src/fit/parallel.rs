@@ -138,11 +138,13 @@ pub(crate) fn find_mode_and<T>(
     let options = Options { others, ..Options::default() };
     let mut memory = vec![0; search::words(&problem, &options)];
     let mut searching = Searching::start(problem, options, &mut memory)?;
+    let mut steps = 0;
     while searching.step().is_some() {
         if control.stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
         control.steps.fetch_add(1, Ordering::Relaxed);
+        steps += 1;
     }
     if !searching.search.energy().total().is_finite() {
         return Err(Error::new(if jobs.iter().any(|job| job.mask.is_some()) {
@@ -153,7 +155,7 @@ pub(crate) fn find_mode_and<T>(
         }));
     }
     // It may have converged early.
-    control.steps.store(most_steps(), Ordering::Relaxed);
+    control.steps.fetch_add(most_steps().saturating_sub(steps), Ordering::Relaxed);
     let seconds = start.elapsed().as_secs_f64();
     let mut fits = searching.end(jobs.iter().zip(problems.iter().copied()), seconds)?;
     let layout = searching.search.layout();

@@ -8,8 +8,8 @@
 
 use crate::fit::Fit;
 use crate::fit::summary::{Laplace, Summary};
-use onescan_core::search::priors::Widths;
 use onescan_core::scene::Subject;
+use onescan_core::search::priors::Widths;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

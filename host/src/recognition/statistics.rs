@@ -87,7 +87,7 @@ fn moments(trials: &[Trial]) -> [(f64, f64); 2] {
 }
 
 /// Two-sided probability of so different numbers of hits by chance, of two ways to recognise the same
-/// probes (McNemar's exact test): `only` counts the probes that only the one, and only the other got
+/// probes (`McNemar`'s exact test): `only` counts the probes that only the one, and only the other got
 /// right.
 pub fn by_chance(only: [usize; 2]) -> f64 {
     let n = only[0] + only[1];

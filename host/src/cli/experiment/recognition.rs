@@ -10,6 +10,7 @@ use onescan::experiment::recognition::results::Results;
 use onescan::experiment::recognition::{Job, Plan};
 use onescan::progress::Console;
 use rayon::ThreadPoolBuilder;
+use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -121,7 +122,8 @@ impl Recognition {
         let program = std::env::current_exe().map_err(Error::new)?;
         let mut line = format!("{} -q experiment recognition", quoted(&program.to_string_lossy()));
         let mut add = |name: &str, value: &str| {
-            line += &format!(" --{name} {}", quoted(value));
+            // Writing to a string cannot fail.
+            let _ = write!(line, " --{name} {}", quoted(value));
         };
         add("output", &self.output.to_string_lossy());
         add("fixtures", &self.fixtures.to_string_lossy());

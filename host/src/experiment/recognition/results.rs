@@ -100,7 +100,7 @@ pub struct Angle {
     pub yaw: u32,
     /// Probes that only the one, and only the other got right.
     pub only: [usize; 2],
-    /// Probability of so large a difference by chance (McNemar's exact test).
+    /// Probability of so large a difference by chance (`McNemar`'s exact test).
     pub chance: f64,
 }
 
@@ -191,8 +191,7 @@ fn faces(plan: &Plan, set: Set, model: &Named) -> Result<Option<[Faces; 4]>> {
 impl Row {
     fn new(name: &str, paper: [f64; 3], faces: &[Faces; 4]) -> Self {
         let [gallery, probes @ ..] = faces;
-        let mut row =
-            Self { name: name.into(), paper, cells: Vec::new(), takings: Vec::new() };
+        let mut row = Self { name: name.into(), paper, cells: Vec::new(), takings: Vec::new() };
         for score in Score::ALL {
             for (probes, &yaw) in probes.iter().zip(&YAWS[1..]) {
                 let (trials, takings) = trials(gallery, probes, score);
