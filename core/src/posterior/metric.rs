@@ -168,8 +168,9 @@ mod tests {
             ln_determinant += matrix[k][k].ln();
             for i in k + 1..N {
                 let factor = matrix[i][k] / matrix[k][k];
-                for j in k..N {
-                    matrix[i][j] -= factor * matrix[k][j];
+                let (above, below) = matrix.split_at_mut(i);
+                for (x, u) in below[0].iter_mut().zip(&above[k]) {
+                    *x -= factor * u;
                 }
             }
         }

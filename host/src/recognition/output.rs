@@ -169,7 +169,6 @@ impl Recognition {
                 Score::Joint => "cosines of shape and albedo together",
                 Score::Shape => "cosines of shape",
                 Score::Albedo => "cosines of albedo",
-                Score::Evidence => "log ratios of evidences, one person to two",
             }
         );
         body += "<table class=\"measures\">\n<tr><th>probe</th>";
