@@ -7,7 +7,7 @@ use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::experiment::recognition::models::Named;
 use onescan::experiment::recognition::results::Results;
-use onescan::experiment::recognition::{Job, Plan};
+use onescan::experiment::recognition::{Job, Plan, pictures};
 use onescan::progress::Console;
 use rayon::ThreadPoolBuilder;
 use std::fmt::Write as _;
@@ -162,6 +162,9 @@ impl Recognition {
                 )));
             }
             models.retain(|model| wanted.contains(&&*model.name));
+        }
+        if let Some(directory) = &self.pictures {
+            pictures(directory)?;
         }
         Ok(Plan {
             output: self.output.clone(),

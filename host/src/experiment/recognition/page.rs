@@ -204,8 +204,12 @@ impl SetResult {
             let _ = write!(text, "{comma}{person} at {yaw}° for {taken} (by {margin:.2})");
         }
         text.push('.');
+        // Pictures are of one size, however many there are.
+        for row in &mut rows {
+            row.resize(MISTAKES, Picture::filled(SIDE, SIDE, WHITE));
+        }
         let pictures: Vec<&Picture> = rows.iter().flatten().collect();
-        Ok(Some((contact_sheet(&pictures, all.len(), 4, WHITE), text)))
+        Ok(Some((contact_sheet(&pictures, MISTAKES, 4, WHITE), text)))
     }
 }
 
@@ -243,7 +247,9 @@ pub(crate) fn html_table(markdown: &str) -> String {
     for (i, line) in markdown.lines().enumerate().filter(|(i, _)| *i != 1) {
         let cell = if i == 0 { "th" } else { "td" };
         text += "<tr>";
-        for content in line.trim_matches('|').split('|').map(str::trim) {
+        for (k, content) in line.trim_matches('|').split('|').map(str::trim).enumerate() {
+            // The first says what the row is about.
+            let cell = if k == 0 { "th" } else { cell };
             let _ = write!(text, "<{cell}>{content}</{cell}>");
         }
         text += "</tr>\n";

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// Ranks of the cumulative match curves.
 pub const RANKS: usize = 20;
 /// Name of the mixture's row.
-pub const TEN_MIXTURE: &str = "ten-scan-mixture";
+pub const TEN_MIXTURE: &str = "scan-mixture";
 
 /// Everything, set by set.
 #[derive(Serialize)]
