@@ -676,6 +676,67 @@ fn places_that_cannot_be_written() {
 }
 
 #[test]
+fn mixtures_galleries_and_jobs_that_are_none() {
+    const FIT: &str =
+        "fit mix.toml @photos/astronaut.png --landmarks @photos/astronaut.tlms -o out";
+    let mix = |what, bytes: &str, says| case(what, "mix.toml", bytes, FIT, says);
+    let gallery = |what, file, bytes: Vec<u8>, line, says| case(what, file, bytes, line, says);
+    let model = "[[component]]\nmodel = \"gone.3dmm\"\n";
+    refuses(vec![
+        mix("an empty mixture", "", "missing field `component`"),
+        mix("a weight of nothing", &format!("{model}weight = -1\n"), "expected a number above 0"),
+        mix("no TOML", "[[component]\n", "line 1"),
+        mix("a mixture in a mixture", "[[component]]\nmodel = \"a.toml\"\n", "name its models"),
+        mix("a model of another field", &format!("{model}wieght = 1\n"), "line 3: unknown field"),
+        case("a mixture for a model", "mix.toml", model, "info mix.toml", "is a mixture of models"),
+        gallery(
+            "a photo without landmarks",
+            "anna.png",
+            fixture("photos/astronaut.png"),
+            "recognise . anna.png --model @golden/small.3dmm -o out",
+            "has no landmarks beside it; write anna.tlms or anna.pts",
+        ),
+        gallery(
+            "a fit that is none",
+            "anna.json",
+            b"{\"fits\": 1}".to_vec(),
+            "recognise . anna.json -o out",
+            "fits: invalid type",
+        ),
+        gallery(
+            "no fits",
+            "anna.json",
+            b"{\"fits\": []}".to_vec(),
+            "recognise . anna.json -o out",
+            "holds no fit",
+        ),
+    ]);
+    let place = tempdir().unwrap();
+    for (line, says) in [
+        ("recognise . . -o out", "has no photos with landmarks (NAME.jpg, NAME.tlms)"),
+        ("recognise gone x.jpg -o out", "gone: "),
+        ("recognise @rough @rough/05_15.jpg -o out", "say by which --model"),
+        (
+            "experiment recognition --models best -o out",
+            "no model \"best\"; there are standard-full",
+        ),
+        ("experiment recognition --quick --job clean/me/00 -o out", "no job \"clean/me/00\""),
+        ("experiment recognition --jobs --pictures gone -o out", "gone: "),
+        ("model mix @golden/small.3dmm -o mix.3dmm", "a mixture's name ends in .toml"),
+        ("model mix @golden/small.3dmm --weights 1 2 -o mix.toml", "1 models and 2 --weights"),
+        (
+            "fit @golden/small.3dmm @golden/small.3dmm @photos/astronaut.png --landmarks \
+             @photos/astronaut.tlms -o out",
+            "is named twice",
+        ),
+    ] {
+        let run = Onescan::new(place.path(), line).run();
+        assert_eq!(run.code, Some(1), "{line}: {run:?}");
+        assert!(run.stderr.contains(says) && run.stderr.lines().count() <= 1, "{line}: {run:?}");
+    }
+}
+
+#[test]
 fn wrong_usage_is_told_apart() {
     let place = tempdir().unwrap();
     for line in [

@@ -7,9 +7,12 @@
 
 use onescan::demo::{template, template_model};
 use onescan::experiment::faces::{Identity, identities};
+use onescan::experiment::recognition::{self, Rough};
 use onescan::fit::{Control, Job, Schedule, find_mode};
 use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
+use onescan::recognition::scores::{Face, Score};
+use onescan::recognition::statistics::{Trial, first, means, sensitivity};
 use onescan::render;
 use onescan_core::model::Model;
 use onescan_tests::truth::{distances_after_alignment, rms};
@@ -51,8 +54,7 @@ const RANK: usize = 199;
 struct Fitted {
     person: usize,
     yaws: Vec<u32>,
-    shape: Vec<f32>,
-    albedo: Vec<f32>,
+    face: Face,
     errors: Errors,
     template: Errors,
 }
@@ -66,7 +68,7 @@ fn a_fit_to_a_rough_picture_is_nearer_than_the_template() {
     let fitted = fit(&sets, &identities(&fixtures).unwrap());
     if all.is_some() {
         for gallery in [&[0][..], SEVERAL[0]] {
-            recognition(&fitted, gallery);
+            tell_apart(&fitted, gallery);
         }
     }
     let mut nearer = (0, 0);
@@ -125,20 +127,8 @@ fn sets(pictures: &[(usize, u32, PathBuf)]) -> Vec<(usize, Vec<u32>, Vec<&Path>)
 
 /// Person, yaw and path of every picture `PERSON_YAW.jpg`.
 fn pictures(directory: &Path) -> Vec<(usize, u32, PathBuf)> {
-    let entries = std::fs::read_dir(directory).unwrap_or_else(|e| {
-        panic!("{}: {e}; expected pictures PERSON_YAW.jpg", directory.display())
-    });
-    let mut pictures: Vec<_> = entries
-        .filter_map(|entry| {
-            let path = entry.unwrap().path();
-            let (person, yaw) = path.file_stem()?.to_str()?.split_once('_')?;
-            let numbers = (person.parse().ok()?, yaw.parse().ok()?);
-            (path.extension()? == "jpg").then_some((numbers.0, numbers.1, path.clone()))
-        })
-        .collect();
-    pictures.sort();
-    assert!(!pictures.is_empty(), "{}: no pictures PERSON_YAW.jpg", directory.display());
-    pictures
+    let all = recognition::pictures(directory).unwrap().into_iter();
+    all.map(|Rough { person, yaw, path }| (person as usize, yaw, path)).collect()
 }
 
 fn fit(sets: &[(usize, Vec<u32>, Vec<&Path>)], people: &[Identity]) -> Vec<Fitted> {
@@ -163,8 +153,7 @@ fn fit(sets: &[(usize, Vec<u32>, Vec<&Path>)], people: &[Identity]) -> Vec<Fitte
                         yaws: yaws.clone(),
                         errors: Errors::of(&found.points, &found.colors, truth),
                         template: Errors::of(&template.points, &template.colors, truth),
-                        shape,
-                        albedo,
+                        face: Face { shape, albedo, ln_evidence: 0.0 },
                     };
                     let mut all = all.lock().unwrap();
                     all.push(fitted);
@@ -215,47 +204,27 @@ fn parameters(model: &Model<'_>, paths: &[&Path]) -> (Vec<f32>, Vec<f32>) {
     (subject.shape.to_vec(), subject.albedo.to_vec())
 }
 
-/// Prints how often the nearest of all faces of a gallery, fitted to the photos at these yaws, is the
-/// same person's, by the cosine of coefficients, and how far apart cosines of the same and of other people are, in their pooled
-/// standard deviation.
-fn recognition(fitted: &[Fitted], gallery: &[u32]) {
-    type Vector = fn(&Fitted) -> Vec<f32>;
-    let kinds: [(&str, Vector); 3] = [
-        ("joint", |f| [&f.shape[..], &f.albedo].concat()),
-        ("shape", |f| f.shape.clone()),
-        ("albedo", |f| f.albedo.clone()),
-    ];
-    let cosine = |a: &[f32], b: &[f32]| {
-        let dot =
-            |a: &[f32], b: &[f32]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum() };
-        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
-    };
+/// Prints how well people are told from a gallery of faces fitted to the photos at these yaws.
+fn tell_apart(fitted: &[Fitted], gallery: &[u32]) {
     let at = |yaws: &[u32]| fitted.iter().filter(|f| f.yaws == yaws).collect::<Vec<_>>();
+    let known = at(gallery);
     for yaw in YAWS.iter().filter(|yaw| !gallery.contains(yaw)) {
-        for (name, vector) in kinds {
-            let (mut hits, mut same, mut other) = (0, Vec::new(), Vec::new());
-            for probe in at(&[*yaw]) {
-                let wanted = vector(probe);
-                let cosines: Vec<_> =
-                    at(gallery).iter().map(|f| (cosine(&wanted, &vector(f)), f.person)).collect();
-                let nearest = cosines.iter().max_by(|a, b| a.0.total_cmp(&b.0));
-                hits += usize::from(nearest.is_some_and(|(_, person)| *person == probe.person));
-                for (cosine, person) in cosines {
-                    if person == probe.person { same.push(cosine) } else { other.push(cosine) }
-                }
-            }
-            let moments = |x: &[f64]| {
-                let mean = x.iter().sum::<f64>() / x.len() as f64;
-                (mean, x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64)
+        for score in Score::ALL {
+            let trial = |probe: &&Fitted| {
+                let value = |f: &&Fitted| score.of(&probe.face, &f.face);
+                let (own, others): (Vec<&Fitted>, Vec<&Fitted>) =
+                    known.iter().partition(|f| f.person == probe.person);
+                let same = own.first().map(value)?;
+                Some(Trial { same, others: others.iter().map(value).collect() })
             };
-            let (a, b) = (moments(&same), moments(&other));
+            let trials: Vec<Trial> = at(&[*yaw]).iter().filter_map(trial).collect();
+            let [same, other] = means(&trials);
             println!(
-                "gallery {gallery:?} probe {yaw:2} n {} {name:6} rank-1 {:5.1} %  d' {:.2}  cosine {:.2} / {:.2}",
-                same.len(),
-                100.0 * f64::from(hits as u32) / same.len() as f64,
-                (a.0 - b.0) / (0.5 * (a.1 + b.1)).sqrt(),
-                a.0,
-                b.0
+                "gallery {gallery:?} probe {yaw:2} n {} {score:6} rank-1 {:5.1} %  d' {:.2}  \
+                 cosine {same:.2} / {other:.2}",
+                trials.len(),
+                100.0 * first(&trials).share,
+                sensitivity(&trials),
             );
         }
     }

@@ -282,7 +282,7 @@ fn finished(
         return Err(Error::new("finish() wants a name for each photo"));
     }
     let named = |image| PhotoNames { image, landmarks: String::new(), mask: None };
-    let mut names = Names { model, photos: images.into_iter().map(named).collect() };
+    let mut names = Names { model, given: None, photos: images.into_iter().map(named).collect() };
     let folders: Vec<_> = (0..jobs.len()).map(|photo| names.folder(photo)).collect();
     for (photo, folder) in names.photos.iter_mut().zip(&folders) {
         photo.landmarks = format!("{folder}.tlms");

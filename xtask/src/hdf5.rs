@@ -8,7 +8,7 @@ use std::fs;
 use std::path::PathBuf;
 
 /// What of Python's packages is asked for.
-const PACKAGES: [&str; 2] = ["h5py==3.16.0", "arviz==0.23.4"];
+const PACKAGES: [&str; 3] = ["h5py==3.16.0", "arviz==0.23.4", "distributed==2026.8.0"];
 /// The face template: vertices, triangles, and how many landmarks it has.
 const TEMPLATE: [&str; 3] = ["8291", "16374", "42"];
 const RANK: &str = "5";
@@ -43,10 +43,10 @@ pub(crate) fn check() -> Outcome {
 }
 
 /// A Python of our own with the packages, made on first use.
-fn python() -> Result<PathBuf, String> {
+pub(crate) fn python() -> Result<PathBuf, String> {
     let place = target().join("python");
     let python = place.join("bin/python");
-    let has = || output(&mut command(&python, ["-c", "import arviz, h5py"])).is_ok();
+    let has = || output(&mut command(&python, ["-c", "import arviz, distributed, h5py"])).is_ok();
     if has() {
         return Ok(python);
     }

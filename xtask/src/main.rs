@@ -13,6 +13,7 @@ mod page;
 #[cfg(test)]
 mod rooms;
 mod rough;
+mod scale;
 mod shell;
 mod synthetic;
 mod targets;
@@ -61,6 +62,12 @@ const COMMANDS: &[Command] = &[
         usage: "hdf5",
         about: "models for other programs, looked at by HDF5's own library (Python's h5py)",
         run: hdf5::run,
+    },
+    Command {
+        name: "scale",
+        usage: "scale",
+        about: "an experiment's jobs by GNU parallel, Dask and a SLURM array: the same bytes",
+        run: scale::run,
     },
     Command {
         name: "device",

@@ -2,7 +2,7 @@
 
 use crate::hdf5;
 use crate::shell::{cargo, run as sh, target};
-use crate::{Outcome, c, determinism, device, no_arguments, no_std, page};
+use crate::{Outcome, c, determinism, device, no_arguments, no_std, page, scale};
 use std::fs;
 use std::process::exit;
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -26,6 +26,7 @@ const STAGES: &[Stage] = &[
     Stage { name: "tests", run: || sh(&mut cargo(["test", "--workspace", "--release"])) },
     Stage { name: "determinism", run: determinism::check },
     Stage { name: "HDF5", run: hdf5::check },
+    Stage { name: "scale", run: scale::check },
     Stage { name: "C", run: c::check },
     Stage { name: "device", run: device::check },
     Stage { name: "browser", run: page::check },

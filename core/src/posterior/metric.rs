@@ -4,6 +4,7 @@
 //! approximation.
 
 use crate::least_squares::{Group, row_words, stride};
+use crate::math;
 
 /// The upper triangular factor `U`, rows of groups of lanes.
 pub struct Metric<'m> {
@@ -77,6 +78,12 @@ impl<'m> Metric<'m> {
                 *first = x;
             }
         }
+    }
+
+    /// `½ ln|A|`, the sum of the logarithms of the pivots.
+    pub fn ln_pivots(&self) -> f64 {
+        let pivot = |i| self.row(i).first().map_or(1.0, |&x| f64::from(x));
+        (0..self.n).map(|i| math::ln(pivot(i))).sum()
     }
 
     /// Variances of the unknowns in Laplace's approximation, the diagonal of `A⁻¹`, in the order and
@@ -155,6 +162,19 @@ mod tests {
         }
         let (mut scratch, mut variances) = ([0.0; N], [0.0; N]);
         metric.variances(&mut scratch, &mut variances);
+        // Gauss's elimination: the determinant is the product of the pivots.
+        let mut ln_determinant = 0.0;
+        for k in 0..N {
+            ln_determinant += matrix[k][k].ln();
+            for i in k + 1..N {
+                let factor = matrix[i][k] / matrix[k][k];
+                let (above, below) = matrix.split_at_mut(i);
+                for (x, u) in below[0].iter_mut().zip(&above[k]) {
+                    *x -= factor * u;
+                }
+            }
+        }
+        assert!((2.0 * metric.ln_pivots() - ln_determinant).abs() < 1e-4);
         for (i, variance) in variances.into_iter().enumerate() {
             let mut one = [0.0; N];
             one[i] = 1.0;

@@ -244,9 +244,22 @@ impl<const OTHERS: usize> Walk<Around<'_, '_, OTHERS>> {
     }
 }
 
-/// Standard deviations of the unknowns around a mode in Laplace's approximation: the posterior as the
-/// normal distribution that has the mode's Gauss–Newton matrix. Order and units are those of
-/// [`crate::search::unknowns`]; `memory` is [`words`] long.
+/// A posterior in Laplace's approximation.
+pub struct Laplace {
+    /// Standard deviations of the unknowns; order and units are those of [`crate::search::unknowns`].
+    pub deviations: Unknowns,
+    /// Logarithm of the marginal likelihood, `ln p(photos | model)`,
+    ///
+    /// `−E − ½ ln|A| − Σ ln sᵢ`
+    ///
+    /// of the mode's energy `E`, the precision `A` and the prior standard deviations `sᵢ` of the
+    /// coefficients; up to a constant that only the photos and the settings tell, so that models,
+    /// of whatever rank, may be compared on the same photos.
+    pub ln_evidence: f64,
+}
+
+/// Laplace's approximation around a mode: the posterior as the normal distribution that has the mode's
+/// Gauss–Newton matrix. `memory` is [`words`] long.
 ///
 /// # Errors
 /// [`ChainError::Memory`] if the memory is shorter; [`ChainError::Config`] of a mode that nothing is
@@ -254,7 +267,8 @@ impl<const OTHERS: usize> Walk<Around<'_, '_, OTHERS>> {
 pub fn laplace<'w, const OTHERS: usize>(
     search: ModeSearch<'_, 'w, OTHERS>,
     memory: &'w mut [u32],
-) -> Result<Unknowns, ChainError> {
+) -> Result<Laplace, ChainError> {
+    let ln_mode = search.ln_mode();
     let around = Around::new(search, None, 0, memory)?;
     let mut step = Unknowns::new();
     // There is room for all.
@@ -264,7 +278,7 @@ pub fn laplace<'w, const OTHERS: usize>(
     for x in &mut deviations {
         *x = math::sqrt(*x);
     }
-    Ok(deviations)
+    Ok(Laplace { deviations, ln_evidence: ln_mode - around.metric.ln_pivots() })
 }
 
 /// A running chain.

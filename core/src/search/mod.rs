@@ -126,6 +126,11 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
         self.common.finest() && self.still >= PATIENCE
     }
 
+    /// Log density of photos and mode together, up to a constant that models share.
+    pub(crate) fn ln_mode(&self) -> f64 {
+        -self.energy.total() - self.common.priors().ln_widths(self.common.layout)
+    }
+
     /// Whether there is nothing left to do.
     pub fn done(&self) -> bool {
         let all = self.iteration >= self.common.level().iterations;

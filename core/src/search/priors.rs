@@ -125,6 +125,13 @@ impl Priors<'_> {
         sum
     }
 
+    /// Sum of the logarithms of the standard deviations of so many coefficients.
+    pub(super) fn ln_widths(&self, layout: Layout) -> f64 {
+        let ln = |sd: f32| math::ln(f64::from(sd));
+        let shape = layout.shape_rank as f64 * ln(self.widths.shape);
+        shape + (0..layout.albedo_rank).map(|i| ln(self.albedo(i))).sum::<f64>()
+    }
+
     /// Negative log density of a view, up to a constant; infinite if the object is not before the
     /// camera.
     pub(super) fn energy_of_view(&self, view: &View) -> f64 {

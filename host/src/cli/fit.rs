@@ -6,8 +6,9 @@ use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::fit::checkpoint::Save;
 use onescan::fit::output::{self, Finished, Names, PhotoNames};
+use onescan::fit::summary::{ComponentFound, Summaries};
 use onescan::fit::{self, Control, Ending, Job, Schedule, find_mode};
-use onescan::interchange;
+use onescan::interchange::mixture::Mixture;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
@@ -41,6 +42,12 @@ use std::time::Duration;
 ///
 /// Example: onescan fit face.3dmm a.jpg b.jpg --landmarks a.tlms b.tlms -o out
 ///
+/// Of several models, or of a mixture of them (.toml, see `onescan model mix`), each is fitted, and the
+/// likeliest given the photo is kept: by the marginal likelihood in Laplace's approximation. fit.json
+/// and the report say how likely each is; components.json holds the numbers of all fits.
+///
+/// Example: onescan fit anna.3dmm ben.3dmm photo.jpg --landmarks photo.tlms -o out
+///
 /// With --posterior N it samples the posterior around that, and writes to the output directory
 /// posterior.h5 (all states), mean.ply and mean.glb (the posterior's mean face), uncertainty.ply,
 /// uncertainty.glb and uncertainty.png (how far each vertex is known); fit.json then holds every
@@ -53,11 +60,14 @@ use std::time::Duration;
 /// without the interruption. A search takes seconds and is made again.
 #[derive(Args)]
 pub(super) struct Fit {
-    /// The model, with landmarks: .3dmm, .h5 or .h5.json.
+    /// The model, with landmarks: .3dmm, .h5 or .h5.json; or a mixture of models, .toml.
     model: PathBuf,
-    /// The photo, or photos of one person, PNG or JPEG.
+    /// The photo, or photos of one person, PNG or JPEG; before them more models, if there are any.
     #[arg(num_args = 1..)]
     images: Vec<PathBuf>,
+    /// The models after the first.
+    #[arg(skip)]
+    more: Vec<PathBuf>,
     /// Landmarks in the photo: .tlms (lines of `name visible x y`), or .pts (68 points); a file per
     /// photo.
     #[arg(long, required = true, num_args = 1..)]
@@ -189,18 +199,15 @@ impl Fit {
             ));
         }
         output_directory(&self.output)?;
-        let file = interchange::open(&self.model)?;
-        let model = file.view();
+        let mixture = Mixture::open(&[&[self.model.clone()], &self.more[..]].concat())?;
+        let [component] = &mixture.components[..] else {
+            return self.run_mixture(&mixture, console);
+        };
+        let model = component.model.view();
         let looks =
             (0..self.images.len()).map(|i| self.look(&model, i)).collect::<Result<Vec<_>>>()?;
         let jobs: Vec<_> = looks.iter().map(|look| self.job(&model, look)).collect();
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            // The second signal ends the program at once.
-            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
-                .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
-                .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
-        }
+        let stop = stop_on_signals()?;
         if let Some(draws) = self.posterior {
             return self.run_posterior(&jobs, draws, &stop, &model, console);
         }
@@ -210,8 +217,11 @@ impl Fit {
         }
     }
 
-    /// Photos may be named after the landmarks, whose option then took them.
+    /// Before the photos there may be more models. Photos may be named after the landmarks, whose option
+    /// then took them.
     fn sort_out(&mut self) {
+        let given = std::mem::take(&mut self.images);
+        (self.more, self.images) = given.into_iter().partition(|path| is_model(path));
         let is_photo = |path: &Path| {
             let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
             ["png", "jpg", "jpeg"].iter().any(|e| extension == *e)
@@ -323,6 +333,87 @@ impl Fit {
         }
     }
 
+    /// Fits every component of a mixture, and keeps the likeliest.
+    fn run_mixture(&self, mixture: &Mixture, console: Console) -> Result<()> {
+        if self.schedule != Schedule::Mode {
+            return Err(Error::new(
+                "several models are for --schedule mode; a chain tells no evidence to choose by",
+            ));
+        }
+        if self.posterior.is_some() {
+            return Err(Error::new(
+                "--posterior samples around the fit of one model; name the likeliest of them alone",
+            ));
+        }
+        let models: Vec<_> = mixture.components.iter().map(|c| c.model.view()).collect();
+        let mut looks = Vec::new();
+        for (model, component) in models.iter().zip(&mixture.components) {
+            let look = |i| self.look(model, i);
+            let own = (0..self.images.len()).map(look).collect::<Result<Vec<_>>>();
+            looks.push(own.map_err(|e| Error::new(format_args!("{}: {e}", component.name)))?);
+        }
+        // All look at the same pixels, or their evidence could not be compared.
+        let crops: Vec<_> = looks[0].iter().map(|look| look.crop).collect();
+        for look in &mut looks {
+            for (look, crop) in look.iter_mut().zip(&crops) {
+                look.crop = *crop;
+            }
+        }
+        let jobs: Vec<Vec<Job<'_>>> = models
+            .iter()
+            .zip(&looks)
+            .map(|(model, looks)| looks.iter().map(|look| self.job(model, look)).collect())
+            .collect();
+        let before: Vec<f64> = mixture.components.iter().map(|c| c.weight).collect();
+        let stop = stop_on_signals()?;
+        let steps = jobs.iter().filter_map(|jobs| jobs.first()).map(Job::steps).sum();
+        let task = console.task("fitting", steps);
+        let found = watch(&stop, task, |control| fit::mixture::find(&jobs, &before, control))?;
+        let found = found.ok_or_else(interrupted)?;
+        let names = |k: usize| Names {
+            model: mixture.components[k].name.clone(),
+            given: Some(self.given_models()),
+            ..self.names()
+        };
+        let mut fits = Vec::new();
+        for (k, (jobs, of)) in jobs.iter().zip(&found.fits).enumerate() {
+            fits.push(output::summarize(&jobs[0], &of[0], &names(k), 0)?);
+        }
+        let components: Vec<_> = (fits.iter().zip(&found.weights).zip(&before))
+            .map(|((fit, weight), before)| ComponentFound {
+                model: fit.model.clone(),
+                before: *before,
+                weight: *weight,
+                ln_evidence: fit.laplace.as_ref().map_or(0.0, |laplace| laplace.ln_evidence),
+            })
+            .collect();
+        for component in &components {
+            console.say(format_args!(
+                "{}: {:.1} % given the photo",
+                component.model.file,
+                100.0 * component.weight
+            ));
+        }
+        let best = found.best;
+        let mut results = Vec::new();
+        for (i, (job, fit)) in jobs[best].iter().zip(&found.fits[best]).enumerate() {
+            let mut result = output::finish(job, fit, &names(best), i)?;
+            result.summary.mixture.clone_from(&components);
+            results.push(result);
+        }
+        let all = Summaries { fits }.to_json()?;
+        write_atomically(&self.output.join("components.json"), |out| {
+            out.write_all(all.as_bytes())
+        })?;
+        let provenance = models[best].provenance();
+        if let [result] = &results[..] {
+            output::write(&self.output, result)?;
+            say(result, console);
+            return self.write_report(&report::fit_report(result, provenance)?, console);
+        }
+        self.write_several(results, provenance, console)
+    }
+
     fn run_several(
         &self,
         jobs: &[Job<'_>],
@@ -408,6 +499,7 @@ impl Fit {
         let photos = self.images.iter().zip(&self.landmarks).enumerate();
         Names {
             model: file_name(&self.model),
+            given: None,
             photos: photos
                 .map(|(i, (image, landmarks))| PhotoNames {
                     image: file_name(image),
@@ -416,6 +508,12 @@ impl Fit {
                 })
                 .collect(),
         }
+    }
+
+    /// The models as they were given.
+    fn given_models(&self) -> String {
+        let all = std::iter::once(&self.model).chain(&self.more);
+        all.map(|path| file_name(path)).collect::<Vec<_>>().join(" ")
     }
 
     fn write_report(&self, page: &str, console: Console) -> Result<()> {
@@ -455,6 +553,12 @@ impl Fit {
     }
 }
 
+/// Whether a file's name is a model's, or a mixture's.
+fn is_model(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    ["3dmm", "h5", "hdf5", "json", "mat", "toml"].iter().any(|e| extension == *e)
+}
+
 /// A photo and what goes with it.
 struct Look {
     photo: Picture,
@@ -463,8 +567,19 @@ struct Look {
     crop: Crop,
 }
 
-fn interrupted() -> Error {
+pub(super) fn interrupted() -> Error {
     Error::new("interrupted; nothing was written")
+}
+
+/// A flag that Ctrl-C sets; the second one ends the program at once.
+pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
+            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+            .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
+    }
+    Ok(stop)
 }
 
 /// Says how a fit went.

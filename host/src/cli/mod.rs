@@ -12,6 +12,7 @@ mod info;
 mod inspect;
 mod model;
 mod modes;
+mod recognise;
 mod render;
 mod sample;
 mod scan;
@@ -47,6 +48,7 @@ Examples:
   onescan inspect head.obj --unit cm --mend head.ply
   onescan sample face.3dmm -o samples -n 12
   onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
+  onescan recognise people photo.jpg --model face.3dmm -o who
   onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
   onescan convert face.3dmm -o face.h5
 
@@ -86,6 +88,7 @@ enum Command {
     Experiment(experiment::Experiment),
     Render(render::Render),
     Fit(fit::Fit),
+    Recognise(recognise::Recognise),
     Bench(bench::Bench),
 }
 
@@ -108,6 +111,7 @@ impl Arguments {
             Some(Command::Experiment(command)) => command.run(console),
             Some(Command::Render(command)) => command.run(console),
             Some(Command::Fit(command)) => command.run(console),
+            Some(Command::Recognise(command)) => command.run(console),
             Some(Command::Bench(command)) => command.run(console),
         }
     }

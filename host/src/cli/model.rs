@@ -6,6 +6,7 @@ use onescan::error::{Error, Result};
 use onescan::files::read_text;
 use onescan::files::write_atomically;
 use onescan::interchange::Format;
+use onescan::interchange::mixture::{Mixture, is_mixture};
 use onescan::mesh::landmarks::{self, Point};
 use onescan::mesh::ply::{self, Encoding};
 use onescan::model::morphable::Morphable;
@@ -55,6 +56,14 @@ pub(super) enum Model {
     /// Sample covariance, 1/(n − 1), of shape and of albedo; at most one component fewer than
     /// meshes.
     Pca(Pca),
+    /// Mix models: name several, and how likely each is, in one file.
+    ///
+    /// Each may be made of another scan; nothing need be in correspondence (the paper's kernel density
+    /// estimate). `fit` and `recognise` take the mixture, a .toml, where they take a model: they fit
+    /// every component, and say which is the likeliest.
+    ///
+    /// Example: onescan model mix anna.3dmm ben.3dmm -o people.toml
+    Mix(Mix),
 }
 
 #[derive(Args)]
@@ -171,6 +180,19 @@ pub(super) struct Pca {
     landmarks: Option<PathBuf>,
 }
 
+#[derive(Args)]
+pub(super) struct Mix {
+    /// The models: .3dmm, .h5, .h5.json or .mat.
+    #[arg(required = true)]
+    models: Vec<PathBuf>,
+    /// The mixture to write, .toml.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// How likely each model is before a photo is seen, in proportion [default: all alike].
+    #[arg(long, num_args = 1.., value_parser = positive)]
+    weights: Vec<f64>,
+}
+
 impl Model {
     pub(super) fn run(self, console: Console) -> Result<()> {
         match self {
@@ -181,6 +203,7 @@ impl Model {
             Self::Augment(command) => command.run(console),
             Self::Occlusion(command) => command.run(console),
             Self::Pca(command) => command.run(console),
+            Self::Mix(command) => command.run(console),
         }
     }
 }
@@ -393,6 +416,38 @@ impl Occlusion {
         model.occlusion = Some(map);
         model.provenance = with_line(&model.provenance, "occlusion_map", &file_name(&self.map));
         write(console, &self.output, &model)
+    }
+}
+
+impl Mix {
+    fn run(self, console: Console) -> Result<()> {
+        output_file(&self.output)?;
+        if !is_mixture(&self.output) {
+            return Err(Error::file(
+                &self.output,
+                "a mixture's name ends in .toml; give such a one",
+            ));
+        }
+        let weights = match &self.weights[..] {
+            [] => vec![1.0; self.models.len()],
+            given if given.len() == self.models.len() => given.to_vec(),
+            given => {
+                return Err(Error::new(format_args!(
+                    "{} models and {} --weights; give one each, in their order",
+                    self.models.len(),
+                    given.len()
+                )));
+            }
+        };
+        for path in &self.models {
+            if read_model(console, path)?.landmarks.is_empty() {
+                console.say(Error::file(path, "has no landmarks, so it cannot be fitted"));
+            }
+        }
+        let text = Mixture::text(&self.models, &weights, &self.output)?;
+        write_atomically(&self.output, |out| out.write_all(text.as_bytes()))?;
+        console.say(format_args!("wrote {}", self.output.display()));
+        Ok(())
     }
 }
 

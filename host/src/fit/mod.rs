@@ -2,6 +2,8 @@
 
 pub mod checkpoint;
 pub mod landmarks;
+#[cfg(feature = "full")]
+pub mod mixture;
 mod mode;
 pub mod output;
 #[cfg(feature = "full")]
@@ -107,6 +109,14 @@ pub struct Fit {
     pub acceptance: Vec<Acceptance>,
     /// Of a search for the mode.
     pub mode: Option<Mode>,
+}
+
+#[cfg(feature = "full")]
+impl Fit {
+    /// Log marginal likelihood under the model, up to a constant that models share, if it was computed.
+    pub fn ln_evidence(&self) -> Option<f64> {
+        Some(self.mode.as_ref()?.laplace.as_ref()?.ln_evidence)
+    }
 }
 
 /// What a search for the mode leaves besides its scene.

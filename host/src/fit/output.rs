@@ -16,7 +16,7 @@ use crate::photo::picture::{self, Picture, Rgb};
 use crate::render;
 use onescan_core::chain;
 use onescan_core::model::Model;
-use onescan_core::scene::Scene;
+use onescan_core::scene::{Scene, Subject};
 use std::fmt::{Display, Write as _};
 #[cfg(feature = "full")]
 use std::{
@@ -36,6 +36,9 @@ const FITTED: Rgb = [70, 200, 255];
 
 /// Files that only a search writes.
 const MASKED: [&str; 2] = ["mask.png", "behind.png"];
+/// File that only the fit of a mixture writes.
+#[cfg(feature = "full")]
+const MIXED: [&str; 1] = ["components.json"];
 /// Files that only a sampler writes.
 #[cfg(feature = "full")]
 const SAMPLED: [&str; 6] = [
@@ -52,6 +55,8 @@ const SAMPLED: [&str; 6] = [
 pub struct Names {
     /// Of the model.
     pub model: String,
+    /// What the command is given for it, if that is something else: a mixture, several models.
+    pub given: Option<String>,
     /// Of the photos of one subject.
     pub photos: Vec<PhotoNames>,
 }
@@ -128,14 +133,25 @@ pub struct Masked {
 /// # Errors
 /// No such photo; none else for a fit of this job.
 pub fn finish(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Result<Finished> {
+    let summary = summarize(job, fit, names, photo)?;
+    let Subject { shape, albedo } = &fit.best.scene.subject;
+    let mesh = render::instance(job.model, shape, albedo);
+    Ok(Finished { mesh, pictures: pictures(job, fit, &summary)?, summary })
+}
+
+/// Collects the numbers alone.
+///
+/// # Errors
+/// No such photo.
+pub fn summarize(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Result<Summary> {
     let own = names.photos.get(photo).ok_or_else(|| Error::new("a photo without a name"))?;
     let mut parameters = fit.best.scene.clone();
     parameters.view.camera = fit.crop.camera_in_photo(&fit.best.scene.view.camera);
     let config = &job.config;
-    let mesh =
-        render::instance(job.model, &fit.best.scene.subject.shape, &fit.best.scene.subject.albedo);
+    let Subject { shape, albedo } = &fit.best.scene.subject;
+    let mesh = render::instance(job.model, shape, albedo);
     let landmarks = landmarks::compare(job, fit, &mesh.points);
-    let summary = Summary {
+    Ok(Summary {
         onescan: env!("CARGO_PKG_VERSION").into(),
         command: command(job, names),
         model: ModelUsed { file: names.model.clone(), checksum: hex(job.model.checksum()) },
@@ -189,10 +205,11 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Result<F
         #[cfg(feature = "full")]
         laplace: fit.mode.as_ref().and_then(|mode| mode.laplace.clone()),
         #[cfg(feature = "full")]
+        mixture: Vec::new(),
+        #[cfg(feature = "full")]
         posterior: None,
         parameters,
-    };
-    Ok(Finished { mesh, pictures: pictures(job, fit, &summary)?, summary })
+    })
 }
 
 /// The command that repeats the fit.
@@ -202,8 +219,8 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     };
     let (images, landmarks) =
         (list(&|photo| Some(&photo.image)), list(&|photo| Some(&photo.landmarks)));
-    let mut command =
-        format!("onescan fit {} {images} --landmarks {landmarks} -o fit", names.model);
+    let model = names.given.as_ref().unwrap_or(&names.model);
+    let mut command = format!("onescan fit {model} {images} --landmarks {landmarks} -o fit");
     let size = job.crop.scaled_to[0].max(job.crop.scaled_to[1]);
     let (config, base) = (&job.config, job.schedule.config(job.model, size));
     let mut add = |option: &str, value: &dyn Display, differs: bool| {
@@ -396,7 +413,8 @@ pub fn clear(directory: &Path, summary: &Summary, masked: bool) -> Result<()> {
     let stale = |absent: bool, names: &'static [&'static str]| if absent { names } else { &[] };
     let masked = stale(!masked, &MASKED);
     let sampled = stale(summary.posterior.is_none(), &SAMPLED);
-    for name in masked.iter().chain(sampled) {
+    let mixed = stale(summary.mixture.is_empty(), &MIXED);
+    for name in masked.iter().chain(sampled).chain(mixed) {
         match std::fs::remove_file(directory.join(name)) {
             Err(e) if e.kind() != ErrorKind::NotFound => {
                 return Err(Error::file(&directory.join(name), e));

@@ -138,11 +138,13 @@ pub(crate) fn find_mode_and<T>(
     let options = Options { others, ..Options::default() };
     let mut memory = vec![0; search::words(&problem, &options)];
     let mut searching = Searching::start(problem, options, &mut memory)?;
+    let mut steps = 0;
     while searching.step().is_some() {
         if control.stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
         control.steps.fetch_add(1, Ordering::Relaxed);
+        steps += 1;
     }
     if !searching.search.energy().total().is_finite() {
         return Err(Error::new(if jobs.iter().any(|job| job.mask.is_some()) {
@@ -153,28 +155,29 @@ pub(crate) fn find_mode_and<T>(
         }));
     }
     // It may have converged early.
-    control.steps.store(most_steps(), Ordering::Relaxed);
+    control.steps.fetch_add(most_steps().saturating_sub(steps), Ordering::Relaxed);
     let seconds = start.elapsed().as_secs_f64();
     let mut fits = searching.end(jobs.iter().zip(problems.iter().copied()), seconds)?;
     let layout = searching.search.layout();
     let mut more = vec![0; posterior::words(&problem, &options, 0)];
     // A mode without is a mode all the same.
-    if let Ok(mut deviations) = posterior::laplace(searching.search, &mut more) {
+    if let Ok(mut found) = posterior::laplace(searching.search, &mut more) {
         for (number, fit) in fits.iter_mut().enumerate() {
             if let (Some(mode), Some(parts)) =
-                (&mut fit.mode, layout.split(&mut deviations, number))
+                (&mut fit.mode, layout.split(&mut found.deviations, number))
             {
-                mode.laplace = Some(laplace(&parts));
+                mode.laplace = Some(laplace(&parts, found.ln_evidence));
             }
         }
     }
     Ok(then(problem, options)?.map(|made| (fits, made)))
 }
 
-/// Standard deviations as the summary has them.
-fn laplace(parts: &Parts<'_>) -> Laplace {
+/// The approximation as the summary has it.
+fn laplace(parts: &Parts<'_>, ln_evidence: f64) -> Laplace {
     let [x, y, z, tx, ty, zoom, distance] = *parts.pose;
     Laplace {
+        ln_evidence,
         rotation_deg: [x, y, z].map(f32::to_degrees),
         translation_mm: [tx, ty],
         zoom,

@@ -89,6 +89,10 @@ pub struct ModeFound {
 #[cfg(feature = "full")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Laplace {
+    /// Log marginal likelihood of the photos under the model, up to a constant that the photos and
+    /// the settings tell: models may be compared on the same photos. 0 in files of before.
+    #[serde(default)]
+    pub ln_evidence: f64,
     /// Rotation about the x, y and z axis (about pitch, yaw and roll), degrees.
     pub rotation_deg: [f32; 3],
     /// Translation along x and y, mm.
@@ -105,6 +109,20 @@ pub struct Laplace {
     pub light: Vec<[f32; 3]>,
     /// Gain, contrast, offset.
     pub color: Vec<f32>,
+}
+
+/// A component of a mixture, and what the photos say of it.
+#[cfg(feature = "full")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ComponentFound {
+    /// The model.
+    pub model: ModelUsed,
+    /// How likely it was before the photos were seen.
+    pub before: f64,
+    /// How likely it is now.
+    pub weight: f64,
+    /// Log marginal likelihood under it, as in [`Laplace`].
+    pub ln_evidence: f64,
 }
 
 /// One parameter of a sampled posterior.
@@ -233,6 +251,10 @@ pub struct Summary {
     #[cfg(feature = "full")]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub laplace: Option<Laplace>,
+    /// If the model is the likeliest of a mixture: all of its components.
+    #[cfg(feature = "full")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mixture: Vec<ComponentFound>,
     /// What a sampler found around the mode, if it was asked for.
     #[cfg(feature = "full")]
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -241,7 +263,8 @@ pub struct Summary {
     pub parameters: Scene,
 }
 
-/// The fits of a demo, or to several photos: the contents of `summary.json`.
+/// The fits of a demo, or to several photos: the contents of `summary.json`. Or those of a mixture's
+/// components to one: of `components.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summaries {
     /// The fits, in the order they were made.
@@ -288,6 +311,16 @@ impl Summary {
 }
 
 impl Summaries {
+    /// Parses the contents of `summary.json`, or of `components.json`.
+    ///
+    /// # Errors
+    /// As [`Summary::parse`].
+    pub fn parse(text: &str) -> Result<Self> {
+        let summaries: Self = json::parse(text)?;
+        summaries.fits.iter().try_for_each(|fit| check_scene(&fit.parameters))?;
+        Ok(summaries)
+    }
+
     /// The contents of `summary.json`.
     ///
     /// # Errors
@@ -379,6 +412,8 @@ pub(crate) mod tests {
             mode: None,
             #[cfg(feature = "full")]
             laplace: None,
+            #[cfg(feature = "full")]
+            mixture: Vec::new(),
             #[cfg(feature = "full")]
             posterior: None,
             parameters,

@@ -3,6 +3,7 @@
 pub mod bfm2009;
 pub mod hdf5;
 pub mod mat;
+pub mod mixture;
 pub mod statismo;
 
 use crate::error::{Error, Result};
@@ -52,7 +53,7 @@ pub fn read(path: &Path) -> Result<Import> {
     let fault = |e| Error::file(path, e);
     match Format::of(path) {
         Format::ThreeDmm => {
-            let file = OwnedModel::read(path)?;
+            let file = open(path)?;
             Ok(Import { model: Morphable::of(&file.view()), notes: Vec::new() })
         }
         format => {
@@ -68,6 +69,12 @@ pub fn read(path: &Path) -> Result<Import> {
 /// # Errors
 /// Those of [`read`].
 pub fn open(path: &Path) -> Result<OwnedModel> {
+    if mixture::is_mixture(path) {
+        return Err(Error::file(
+            path,
+            "is a mixture of models, which fit and recognise take; here name one of its models",
+        ));
+    }
     if Format::of(path) == Format::ThreeDmm {
         return OwnedModel::read(path);
     }

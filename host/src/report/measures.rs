@@ -47,7 +47,7 @@ fn points(curve: &Curve, half: usize) -> &[Point] {
     if half == 0 { &curve.metrics.shape } else { &curve.metrics.albedo }
 }
 
-/// One self-contained page: charts of all measures of some models (at most five), and their table.
+/// One self-contained page: charts of all measures of some models (at most seven), and their table.
 /// The dashed line is the first model's mean alone.
 ///
 /// # Errors

@@ -20,7 +20,9 @@ use onescan_core::search::LEVELS;
 use std::fmt::{self, Write};
 use std::path::Path;
 use tables::{Rows, key_figures, provenance_facts, scene_facts};
-use words::{Escaped, address, base64, likelihood, number, percent};
+use words::{address, base64, likelihood, number, percent};
+
+pub(crate) use words::Escaped;
 
 /// Longest side of the whole photo on the page, pixels.
 const WHOLE_SIDE: u32 = 768;
@@ -254,6 +256,8 @@ impl<'a> Section<'a> {
         f.write_str("</div><div><h3>What was found</h3>\n")?;
         facts(f, &scene_facts(&s.parameters))?;
         f.write_str("</div></div>\n")?;
+        #[cfg(feature = "full")]
+        mixture(f, s)?;
         #[cfg(feature = "full")]
         if let Some(found) = &s.posterior {
             posterior::section(f, found)?;
@@ -516,6 +520,34 @@ fn moves(f: &mut impl Write, proposals: &[Proposal]) -> fmt::Result {
         )?;
     }
     Ok(())
+}
+
+/// The components of a mixture, the likeliest of which is shown.
+#[cfg(feature = "full")]
+fn mixture(f: &mut impl Write, s: &Summary) -> fmt::Result {
+    if s.mixture.is_empty() {
+        return Ok(());
+    }
+    f.write_str(
+        "<h3>The mixture</h3>\n<table class=\"measures\">\n<tr><th>component</th><th>before</th>\
+         <th>given the photo</th><th>log evidence, against the best</th></tr>\n",
+    )?;
+    let most = s.mixture.iter().map(|c| c.ln_evidence).fold(f64::NEG_INFINITY, f64::max);
+    for component in &s.mixture {
+        writeln!(
+            f,
+            "<tr><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td></tr>",
+            Escaped(&component.model.file),
+            percent(component.before, 1),
+            percent(component.weight, 1),
+            number(component.ln_evidence - most, 1)
+        )?;
+    }
+    writeln!(
+        f,
+        "</table>\n<p class=\"note\">Every component was fitted; this page shows the likeliest. The \
+         evidence is the marginal likelihood in Laplace’s approximation.</p>"
+    )
 }
 
 fn facts(f: &mut impl Write, rows: &Rows) -> fmt::Result {

@@ -1,5 +1,7 @@
 //! `onescan experiment`: the paper's experiments.
 
+mod recognition;
+
 use super::{file_name, output_directory};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
@@ -42,6 +44,7 @@ enum Which {
     /// own model on the other nine). Takes some minutes. Writes report.html, compactness.json and
     /// table.md.
     Compactness(Compactness),
+    Recognition(recognition::Recognition),
 }
 
 impl Experiment {
@@ -52,6 +55,7 @@ impl Experiment {
             Which::Fish(experiment) => experiment.run(Kind::Fish, console),
             Which::Bird(experiment) => experiment.run(Kind::Bird, console),
             Which::Compactness(experiment) => experiment.run(console),
+            Which::Recognition(experiment) => experiment.run(console),
         }
     }
 }

@@ -1,0 +1,209 @@
+//! Mixtures of models (the paper's kernel density estimate): models, and how likely each is before a
+//! photo is seen. Their file is TOML, `.toml`:
+//!
+//! ```toml
+//! [[component]]
+//! model = "anna.3dmm"     # beside this file, or a whole path
+//! weight = 2              # in proportion to the others'; 1 if it is left out
+//!
+//! [[component]]
+//! model = "ben.3dmm"
+//! ```
+
+use super::open;
+use crate::error::{Error, Result};
+use crate::model_file::OwnedModel;
+use serde::Deserialize;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Models and their weights.
+///
+/// Guarantees: there is at least one, weights are positive and sum to 1, names differ.
+pub struct Mixture {
+    /// The models, in the order they were given.
+    pub components: Vec<Component>,
+}
+
+/// One of them.
+pub struct Component {
+    /// Its file's name, with directories as far as others are called the same.
+    pub name: String,
+    /// The model.
+    pub model: OwnedModel,
+    /// How likely it is before a photo is seen.
+    pub weight: f64,
+}
+
+/// Whether a file's name is that of a mixture.
+pub fn is_mixture(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    component: Vec<Entry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    model: PathBuf,
+    #[serde(default = "one")]
+    weight: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl Mixture {
+    /// Opens models and mixtures, each file as likely as any other, a mixture's models in the mixture's
+    /// proportions.
+    ///
+    /// # Errors
+    /// Files that cannot be read or are no models, a model twice.
+    pub fn open(paths: &[PathBuf]) -> Result<Self> {
+        let mut files: Vec<(PathBuf, f64)> = Vec::new();
+        for path in paths {
+            if is_mixture(path) {
+                files.extend(entries(path)?);
+            } else {
+                files.push((path.clone(), 1.0));
+            }
+        }
+        let sum: f64 = files.iter().map(|(_, weight)| weight).sum();
+        let names = names(&files.iter().map(|(path, _)| &**path).collect::<Vec<_>>())?;
+        let components = files.iter().zip(names).map(|((path, weight), name)| {
+            Ok(Component { name, model: open(path)?, weight: weight / sum })
+        });
+        Ok(Self { components: components.collect::<Result<_>>()? })
+    }
+
+    /// The contents of a mixture's file that is to lie at `place`: models in its directory, or below,
+    /// are named from there, others by their whole path.
+    ///
+    /// # Errors
+    /// Models that are not there, or there twice.
+    pub fn text(models: &[PathBuf], weights: &[f64], place: &Path) -> Result<String> {
+        names(&models.iter().map(|path| &**path).collect::<Vec<_>>())?;
+        let whole = |path: &Path| path.canonicalize().map_err(|e| Error::file(path, e));
+        let parent = place.parent().filter(|parent| *parent != Path::new(""));
+        let directory = whole(parent.unwrap_or(Path::new(".")))?;
+        let mut text = String::new();
+        for (model, weight) in models.iter().zip(weights) {
+            let path = whole(model)?;
+            let near = path.strip_prefix(&directory).unwrap_or(&path).to_string_lossy();
+            let near = toml_string(&near);
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "[[component]]\nmodel = {near}\nweight = {weight}\n");
+        }
+        Ok(text)
+    }
+}
+
+/// A basic string of TOML.
+fn toml_string(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => quoted.extend(['\\', c]),
+            c if c.is_control() => {
+                let _ = write!(quoted, "\\u{:04x}", u32::from(c));
+            }
+            c => quoted.push(c),
+        }
+    }
+    quoted + "\""
+}
+
+/// Models and weights of a mixture's file; the weights sum to 1.
+fn entries(path: &Path) -> Result<Vec<(PathBuf, f64)>> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    let all = parse(&text).map_err(|e| Error::file(path, e))?;
+    let directory = path.parent().unwrap_or(Path::new(""));
+    Ok(all.into_iter().map(|(model, weight)| (directory.join(model), weight)).collect())
+}
+
+fn parse(text: &str) -> Result<Vec<(PathBuf, f64)>> {
+    let file: File = toml::from_str(text).map_err(|e| {
+        let line = e.span().map_or(1, |span| 1 + text[..span.start].matches('\n').count());
+        Error::new(format_args!("line {line}: {}", e.message()))
+    })?;
+    if file.component.is_empty() {
+        return Err(Error::new("names no [[component]]; a mixture needs a model"));
+    }
+    for Entry { model, weight } in &file.component {
+        let name = model.display();
+        if !(*weight > 0.0 && weight.is_finite()) {
+            return Err(Error::new(format_args!(
+                "weight {weight} of {name}: expected a number above 0"
+            )));
+        }
+        if is_mixture(model) {
+            return Err(Error::new(format_args!("{name} is a mixture itself; name its models")));
+        }
+    }
+    let sum: f64 = file.component.iter().map(|entry| entry.weight).sum();
+    Ok(file.component.into_iter().map(|Entry { model, weight }| (model, weight / sum)).collect())
+}
+
+/// Names by which to tell files apart: without directories if that will do.
+fn names(paths: &[&Path]) -> Result<Vec<String>> {
+    let short = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut all: Vec<String> = Vec::new();
+    for (i, path) in paths.iter().enumerate() {
+        if paths[..i].contains(path) {
+            return Err(Error::file(path, "is named twice; give each model once, with its weight"));
+        }
+        let own = short(path);
+        let alone = paths.iter().filter(|other| short(other) == own).count() == 1;
+        all.push(if alone { own } else { path.to_string_lossy().into_owned() });
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_proportions() {
+        let text =
+            "[[component]]\nmodel = \"a.3dmm\"\nweight = 3\n[[component]]\nmodel = \"b.h5\"\n";
+        let found = parse(text).unwrap();
+        assert_eq!(found, [("a.3dmm".into(), 0.75), ("b.h5".into(), 0.25)]);
+    }
+
+    #[test]
+    fn what_is_no_mixture_is_refused_by_line() {
+        for (text, expected) in [
+            ("", "missing field `component`"),
+            ("component = []", "names no [[component]]"),
+            ("[[component]]\nmodel = \"a\"\nweigth = 1", "line 3: unknown field `weigth`"),
+            ("[[component]]\nmodel = \"a\"\nweight = 0", "weight 0 of a: expected"),
+            ("[[component]]\nmodel = \"a\"\nweight = nan", "weight NaN of a: expected"),
+            ("[[component]]\nmodel = \"a.toml\"", "a.toml is a mixture itself"),
+            ("[[component]\n", "line 1: "),
+        ] {
+            let error = parse(text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{text:?} gives {error:?}");
+        }
+    }
+
+    #[test]
+    fn files_of_one_name_keep_their_directories() {
+        let [a, b, c] = ["x/m.3dmm", "y/m.3dmm", "y/n.3dmm"].map(Path::new);
+        assert_eq!(names(&[a, b, c]).unwrap(), ["x/m.3dmm", "y/m.3dmm", "n.3dmm"]);
+        let error = names(&[a, c, a]).unwrap_err().to_string();
+        assert!(error.starts_with("x/m.3dmm: is named twice"), "{error}");
+    }
+
+    #[test]
+    fn strings_survive_toml() {
+        let name = "a \"b\"\\\t.3dmm";
+        let text = format!("[[component]]\nmodel = {}", toml_string(name));
+        assert_eq!(parse(&text).unwrap(), [(name.into(), 1.0)]);
+    }
+}
