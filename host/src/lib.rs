@@ -14,6 +14,7 @@
 //! | model + scene → picture, mesh | [`render`] |
 //! | model + picture → fitted scene, and the files about it | [`fit`] |
 //! | fits, measures → pages | [`report`] |
+//! | model + scan → registered mesh | [`registration`] |
 //! | the paper's experiments | [`experiment`] |
 //! | the demo, the benchmark | [`demo`], [`mod@bench`] |
 //! | the core's stages for wide vectors | [`simd`] |
@@ -46,6 +47,8 @@ pub mod photo;
 pub mod posterior;
 #[cfg(feature = "full")]
 pub mod progress;
+#[cfg(feature = "full")]
+pub mod registration;
 pub mod render;
 pub mod report;
 #[cfg(feature = "full")]

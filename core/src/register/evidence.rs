@@ -13,14 +13,12 @@
 //! `‖m − s‖`, let what is far off count for little. The four are summed up as the three rows of
 //! Cholesky's factor of `Σ weight · d dᵀ`.
 
-use super::place::PLACE;
+use super::place::{PLACE, Place};
 use super::scan::at;
-use super::state::{Problem, RIM, Registration, quad};
+use super::state::{Problem, Registration, quad};
 use crate::least_squares::{Equations, System, matrix_words, system_words};
 use crate::math;
-use crate::search::vector::{
-    Vec3, add, apply_transposed, cross, dot, scale, sub, xyz,
-};
+use crate::search::vector::{Vec3, add, apply_transposed, cross, dot, scale, sub, xyz};
 
 /// Least cosine between the normals of a vertex and its foot.
 pub(super) const FACING: f32 = 0.6;
@@ -176,10 +174,12 @@ impl Registration<'_, '_> {
         let (mut looked, mut matched, mut squares) = (0.0_f32, 0.0_f32, 0.0);
         // Beyond ten times the trust nothing counts a ten-thousandth.
         let bound = 100.0 * look.trust * look.trust;
-        for v in (0..if look.stride > 0 { model.vertices() as u32 } else { 0 }).step_by(look.stride.max(1)) {
+        let last = if look.stride > 0 { model.vertices() as u32 } else { 0 };
+        for v in (0..last).step_by(look.stride.max(1)) {
             looked += 1.0;
             let mut sure = 0.0;
-            let foot = self.foot(v, bound).filter(|foot| foot.facing > FACING && foot.rim > RIM);
+            let foot =
+                self.foot(v, bound).filter(|foot| foot.facing > FACING && foot.rim > options.rim);
             if let Some(foot) = foot {
                 let far = dot(foot.apart, foot.apart) / (look.trust * look.trust);
                 sure = doubt(far);
@@ -255,15 +255,11 @@ impl Registration<'_, '_> {
         for &(v, p) in landmarks {
             let apart = sub(self.place.invert(p), self.sized(v));
             let mut pull = Pull::default();
-            for (axis, r) in self.unit().into_iter().zip(apart) {
+            for (axis, r) in Place::HOME.rotation.into_iter().zip(apart) {
                 pull.add(axis, weight, r);
             }
             self.add_pull(v, k, &pull, system);
         }
-    }
-
-    fn unit(&self) -> [Vec3; 3] {
-        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     }
 }
 

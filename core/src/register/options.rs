@@ -44,22 +44,26 @@ pub struct Options {
     pub albedo_patch: f32,
     /// Standard deviation of landmarks, mm.
     pub landmark_sd: f32,
+    /// Feet nearer to a border of the scan are no evidence, mm: who knows how the surface goes on. At
+    /// most 6.
+    pub rim: f32,
 }
 
 impl Default for Options {
     fn default() -> Self {
         Self {
             albedo: true,
-            shape_sd: 0.7,
+            shape_sd: 0.45,
             // The 60 people of `fixtures/face` differ by 3.6 to 5.8 % along the axes.
             size_sd: 0.04,
             distance_sd: 0.4,
-            patch: 100.0,
+            patch: 30.0,
             color_sd: 0.12,
-            color_patch: 2.5,
+            color_patch: 0.75,
             albedo_sd: 0.05,
-            albedo_patch: 300.0,
+            albedo_patch: 80.0,
             landmark_sd: 1.0,
+            rim: 3.0,
         }
     }
 }

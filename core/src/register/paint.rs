@@ -22,7 +22,13 @@ impl Registration<'_, '_> {
         }
         let sums = self.passing.get_mut(..8 * scan.points.len()).unwrap_or_default();
         let sums: &mut [[Quad; 2]] = bytemuck::try_cast_slice_mut(sums).unwrap_or_default();
-        blur(self.scan_colors, |t| scan.triangles.get(t).copied(), |v| scan.point(v), level.blur, sums);
+        blur(
+            self.scan_colors,
+            |t| scan.triangles.get(t).copied(),
+            |v| scan.point(v),
+            level.blur,
+            sums,
+        );
         self.paint(level.blur);
     }
 
@@ -59,8 +65,8 @@ impl Registration<'_, '_> {
                 continue;
             }
             // The slope of what is 1 at a corner and 0 at the others, times the area.
-            let hats = [(b, c), (c, a), (a, b)]
-                .map(|(p, q)| scale(cross(normal, sub(q, p)), 1.0 / area));
+            let hats =
+                [(b, c), (c, a), (a, b)].map(|(p, q)| scale(cross(normal, sub(q, p)), 1.0 / area));
             let values = corners.map(|v| at(self.colors, v));
             for v in corners {
                 let v = v as usize;

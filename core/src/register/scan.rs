@@ -76,7 +76,8 @@ impl<'a> Scan<'a> {
         if points.len() != colors.len() {
             return Err(RegisterError::Colors { points: points.len(), colors: colors.len() });
         }
-        let finite = |(p, c): (&Vec3, &Vec3)| p.iter().chain(c).all(|x| x.is_finite() && x.abs() < 1e6);
+        let finite =
+            |(p, c): (&Vec3, &Vec3)| p.iter().chain(c).all(|x| x.is_finite() && x.abs() < 1e6);
         if let Some(index) = points.iter().zip(colors).position(|pair| !finite(pair)) {
             return Err(RegisterError::Point { index });
         }

@@ -23,8 +23,11 @@ impl Registration<'_, '_> {
     pub(super) fn try_start(&mut self, number: usize) -> [f32; 2] {
         let turn = |i: usize| TURNS.get(i % TURNS.len()).copied().unwrap_or_default();
         let count = TURNS.len();
-        self.place =
-            self.centred(rotation([turn(number), turn(number / count), turn(number / count / count)]));
+        self.place = self.centred(rotation([
+            turn(number),
+            turn(number / count),
+            turn(number / count / count),
+        ]));
         let by_landmarks = self.problem.landmarks.len() >= ENOUGH;
         let mut result = [0.0; 2];
         for step in 0..STEPS {

@@ -10,14 +10,15 @@ use crate::least_squares::{matrix_words, system_words};
 use crate::math;
 use crate::memory::Carver;
 use crate::model::Model;
+use crate::scene::MAX_RANK;
 use crate::search::vector::{Vec3, cross, dot, scale, sub, xyz};
 
 /// Unknowns of the scan's colours beside the albedo coefficients: an offset and a gain per channel.
 pub(super) const TINT: usize = 6;
 /// Mean area of a vertex of the mesh that standard deviations and patches were chosen on, mm².
 const VERTEX_AREA: f32 = 4.0;
-/// Feet nearer to a border are no evidence, mm: who knows how the surface goes on.
-pub(super) const RIM: f32 = 3.0;
+/// Distances to a border are measured up to here, mm.
+const RIM: f32 = 6.0;
 
 /// What is registered.
 #[derive(Clone, Copy, Debug)]
@@ -35,9 +36,15 @@ pub struct Problem<'a> {
 }
 
 impl Problem<'_> {
+    /// Coefficients of shape and of albedo that are sought: the model's, or the leading ones.
+    fn ranks(&self) -> [usize; 2] {
+        [&self.model.shape, &self.model.albedo].map(|half| half.rank().min(MAX_RANK))
+    }
+
     /// Unknowns of the larger of both systems of equations.
     fn unknowns(&self) -> usize {
-        larger(self.model.shape.rank() + PLACE, self.model.albedo.rank() + TINT)
+        let [shape, albedo] = self.ranks();
+        larger(shape + PLACE, albedo + TINT)
     }
 
     /// Words of what is needed in passing, one after another: edges of the scan (two words for three
@@ -62,7 +69,7 @@ fn larger(a: usize, b: usize) -> usize {
 pub fn words(problem: &Problem<'_>) -> usize {
     let Problem { model, scan, .. } = problem;
     let vertices = model.vertices();
-    let (shape, albedo) = (model.shape.rank(), model.albedo.rank());
+    let [shape, albedo] = problem.ranks();
     nearest_words(scan.triangles.len())
         + 7 * scan.points.len()
         + 16 * padded(vertices)
@@ -143,13 +150,15 @@ impl<'a, 'w> Registration<'a, 'w> {
     fn carve(problem: Problem<'a>, memory: &'w mut [u32]) -> Option<Self> {
         let Problem { model, scan, .. } = problem;
         let (points, vertices) = (scan.points.len(), model.vertices());
-        let (shape, albedo) = (model.shape.rank(), model.albedo.rank());
+        let [shape, albedo] = problem.ranks();
         let carver = &mut Carver::new(memory);
         let nearest = Nearest::carve(carver, &scan)?;
-        let (normals, rim, scan_colors) = (vectors(carver, points)?, carver.floats(points)?, vectors(carver, points)?);
+        let (normals, rim, scan_colors) =
+            (vectors(carver, points)?, carver.floats(points)?, vectors(carver, points)?);
         scan.find_normals(normals);
         let mut quads = || carver.quads(padded(vertices));
-        let [positions, vertex_normals, albedo_quads, seen] = [quads()?, quads()?, quads()?, quads()?];
+        let [positions, vertex_normals, albedo_quads, seen] =
+            [quads()?, quads()?, quads()?, quads()?];
         seen.fill([0.0; 4]);
         let n = problem.unknowns();
         let registration = Self {
@@ -180,7 +189,7 @@ impl<'a, 'w> Registration<'a, 'w> {
         registration.shape.fill(0.0);
         registration.albedo_coefficients.fill(0.0);
         let edges = registration.passing.get_mut(..6 * scan.triangles.len())?;
-        scan.find_rim(registration.rim, edges.as_chunks_mut().0, 2.0 * RIM);
+        scan.find_rim(registration.rim, edges.as_chunks_mut().0, RIM);
         Some(registration)
     }
 

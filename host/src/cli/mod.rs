@@ -12,6 +12,7 @@ mod info;
 mod inspect;
 mod model;
 mod modes;
+mod register;
 mod render;
 mod sample;
 mod scan;
@@ -48,6 +49,7 @@ Examples:
   onescan sample face.3dmm -o samples -n 12
   onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
   onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
+  onescan register face.3dmm scan.ply -o registered
   onescan convert face.3dmm -o face.h5
 
 Same model, photo, landmarks, settings and seed: same fit, to the last bit.";
@@ -86,6 +88,7 @@ enum Command {
     Experiment(experiment::Experiment),
     Render(render::Render),
     Fit(fit::Fit),
+    Register(register::Register),
     Bench(bench::Bench),
 }
 
@@ -108,6 +111,7 @@ impl Arguments {
             Some(Command::Experiment(command)) => command.run(console),
             Some(Command::Render(command)) => command.run(console),
             Some(Command::Fit(command)) => command.run(console),
+            Some(Command::Register(command)) => command.run(console),
             Some(Command::Bench(command)) => command.run(console),
         }
     }

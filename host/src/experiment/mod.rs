@@ -5,6 +5,7 @@
 //! | [`kernels`] | samples of the ten kernels |
 //! | [`decomposition`] | exact components beside sampled ones, and what they cost |
 //! | [`compactness`] | one-scan models beside a model of 60 people: how compact, general, specific |
+//! | [`registration`] | ten scans registered by shape only, and by shape and albedo |
 //! | [`objects`] | a fish and a bird, and fits to others of their kind |
 //! | [`faces`] | the faces they are made on |
 
@@ -13,3 +14,4 @@ pub mod decomposition;
 pub mod faces;
 pub mod kernels;
 pub mod objects;
+pub mod registration;
