@@ -51,6 +51,7 @@ pub mod model;
 pub mod naive;
 pub mod posterior;
 pub mod proposal;
+pub mod register;
 pub mod render;
 pub mod rng;
 pub mod scene;

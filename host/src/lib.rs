@@ -15,6 +15,7 @@
 //! | model + picture → fitted scene, and the files about it | [`fit`] |
 //! | fits, measures → pages | [`report`] |
 //! | fits → who it is | [`recognition`] |
+//! | model + scan → registered mesh | [`registration`] |
 //! | the paper's experiments | [`experiment`] |
 //! | the demo, the benchmark | [`demo`], [`mod@bench`] |
 //! | the core's stages for wide vectors | [`simd`] |
@@ -49,6 +50,8 @@ pub mod posterior;
 pub mod progress;
 #[cfg(feature = "full")]
 pub mod recognition;
+#[cfg(feature = "full")]
+pub mod registration;
 pub mod render;
 pub mod report;
 #[cfg(feature = "full")]

@@ -33,7 +33,7 @@ mod shading;
 mod state;
 mod surface;
 pub mod unknowns;
-mod vector;
+pub(crate) mod vector;
 mod window;
 
 use crate::chain::{ChainError, Problem};

@@ -13,6 +13,7 @@ mod inspect;
 mod model;
 mod modes;
 mod recognise;
+mod register;
 mod render;
 mod sample;
 mod scan;
@@ -50,6 +51,7 @@ Examples:
   onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
   onescan recognise people photo.jpg --model face.3dmm -o who
   onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
+  onescan register face.3dmm scan.ply -o registered
   onescan convert face.3dmm -o face.h5
 
 Same model, photo, landmarks, settings and seed: same fit, to the last bit.";
@@ -89,6 +91,7 @@ enum Command {
     Render(render::Render),
     Fit(fit::Fit),
     Recognise(recognise::Recognise),
+    Register(register::Register),
     Bench(bench::Bench),
 }
 
@@ -112,6 +115,7 @@ impl Arguments {
             Some(Command::Render(command)) => command.run(console),
             Some(Command::Fit(command)) => command.run(console),
             Some(Command::Recognise(command)) => command.run(console),
+            Some(Command::Register(command)) => command.run(console),
             Some(Command::Bench(command)) => command.run(console),
         }
     }

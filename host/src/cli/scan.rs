@@ -4,7 +4,7 @@ use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::mesh::Mesh;
 use onescan::scan::mesh_file::{self, Direction, Frame, Options};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A scan, and how to read it.
 #[derive(Args)]
@@ -12,6 +12,13 @@ pub(super) struct Scan {
     /// The scan: PLY, OBJ, GLB, glTF, or with --colour STL.
     #[arg(value_name = "SCAN")]
     pub(super) path: PathBuf,
+    #[command(flatten)]
+    reading: Reading,
+}
+
+/// How to read a scan.
+#[derive(Args)]
+pub(super) struct Reading {
     /// Unit of the scan's coordinates: mm, cm, m, or how many millimetres it is [default: m for
     /// glTF, mm for others].
     #[arg(long, value_parser = unit)]
@@ -66,22 +73,34 @@ fn color(text: &str) -> std::result::Result<[f32; 3], String> {
 impl Scan {
     /// Which way the scan stands in its file.
     pub(super) fn frame(&self) -> Result<Frame> {
-        Frame::new(self.up, self.front)
+        self.reading.frame()
     }
 
     /// Reads the scan; also how many millimetres its unit is.
     pub(super) fn read(&self) -> Result<(Mesh, f32)> {
+        self.reading.read(&self.path)
+    }
+}
+
+impl Reading {
+    /// Which way the scan stands in its file.
+    pub(super) fn frame(&self) -> Result<Frame> {
+        Frame::new(self.up, self.front)
+    }
+
+    /// Reads a scan; also how many millimetres its unit is.
+    pub(super) fn read(&self, path: &Path) -> Result<(Mesh, f32)> {
         let options = Options {
             color: self.colour,
             texture: self.texture.clone(),
             flip_v: self.flip_v,
             frame: self.frame()?,
         };
-        let (mesh, format) = mesh_file::read(&self.path, &options)?;
+        let (mesh, format) = mesh_file::read(path, &options)?;
         let unit = self.unit.unwrap_or(format.millimetres());
         if mesh.points.as_flattened().iter().any(|c| !(c * unit).is_finite()) {
             return Err(Error::file(
-                &self.path,
+                path,
                 format_args!("a unit of {unit} mm does not suit this scan; give mm, cm or m"),
             ));
         }

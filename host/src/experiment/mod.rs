@@ -6,6 +6,7 @@
 //! | [`decomposition`] | exact components beside sampled ones, and what they cost |
 //! | [`compactness`] | one-scan models beside a model of 60 people: how compact, general, specific |
 //! | [`recognition`] | people told by fits at other angles: the paper's table |
+//! | [`registration`] | ten scans registered by shape only, and by shape and albedo |
 //! | [`objects`] | a fish and a bird, and fits to others of their kind |
 //! | [`faces`] | the faces they are made on |
 
@@ -15,3 +16,4 @@ pub mod faces;
 pub mod kernels;
 pub mod objects;
 pub mod recognition;
+pub mod registration;

@@ -21,6 +21,28 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
+impl Mesh {
+    /// Unit normals of the vertices, faces counted by their areas; zero where there is none.
+    pub fn normals(&self) -> Vec<[f32; 3]> {
+        let mut sums = vec![[0.0_f64; 3]; self.points.len()];
+        for triangle in &self.triangles {
+            let [a, b, c] = triangle.map(|v| self.points[v as usize].map(f64::from));
+            let (u, v): ([f64; 3], [f64; 3]) =
+                (std::array::from_fn(|i| b[i] - a[i]), std::array::from_fn(|i| c[i] - a[i]));
+            for (i, (j, k)) in [(1, 2), (2, 0), (0, 1)].into_iter().enumerate() {
+                for &corner in triangle {
+                    sums[corner as usize][i] += u[j] * v[k] - u[k] * v[j];
+                }
+            }
+        }
+        let unit = |sum: [f64; 3]| {
+            let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
+            sum.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 })
+        };
+        sums.into_iter().map(unit).collect()
+    }
+}
+
 /// A coordinate axis; as a mirror it names the plane through the origin normal to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {

@@ -159,6 +159,47 @@ pub(super) fn bars(description: &str, x_title: &str, values: &[f32]) -> Option<S
     Some(svg)
 }
 
+/// Bars side by side, see [`columns`](super::columns).
+#[cfg(feature = "full")]
+pub(super) fn columns(
+    description: &str,
+    x_title: &str,
+    labels: &[String],
+    series: &[(usize, Vec<f64>)],
+) -> Option<String> {
+    let high = series.iter().flat_map(|(_, values)| values).copied().fold(0.0, f64::max);
+    if !(high > 0.0 && high.is_finite()) {
+        return None;
+    }
+    let axes = Axes { x: (-0.5, labels.len() as f64 - 0.5), y: (0.0, 1.05 * high) };
+    let x_ticks: Vec<(f64, String)> = (0..)
+        .zip(labels)
+        .filter(|(_, label)| !label.is_empty())
+        .map(|(i, label)| (f64::from(i), label.clone()))
+        .collect();
+    let mut svg = axes.frame(description, x_title, &x_ticks, &ticks(axes.y));
+    let width = 0.8 / series.len() as f64;
+    for (place, (color, values)) in series.iter().enumerate() {
+        put(&mut svg, format_args!("<g class=\"series-{color}\">"));
+        for (i, &value) in values.iter().enumerate() {
+            let left = axes.px(i as f64 - 0.4 + width * place as f64);
+            let right = axes.px(i as f64 - 0.4 + width * (place as f64 + 0.92));
+            let top = axes.py(value);
+            put(
+                &mut svg,
+                format_args!(
+                    "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
+                    right - left,
+                    axes.py(0.0) - top
+                ),
+            );
+        }
+        put(&mut svg, format_args!("</g>"));
+    }
+    put(&mut svg, format_args!("</svg>"));
+    Some(svg)
+}
+
 /// One of several lines of a chart.
 #[cfg(feature = "full")]
 pub(crate) struct Series {

@@ -143,6 +143,24 @@ pub fn essay(title: &str, lead: &str, body: &str) -> Result<String> {
     Ok(html)
 }
 
+/// Bars side by side, a group for each label and in it one of every series, of the style sheet's colour
+/// of that number; the y axis begins at 0. `None` without a positive value.
+#[cfg(feature = "full")]
+pub fn columns(
+    description: &str,
+    x_title: &str,
+    labels: &[String],
+    series: &[(usize, Vec<f64>)],
+) -> Option<String> {
+    charts::columns(description, x_title, labels, series)
+}
+
+/// Text that is to be shown as it is.
+#[cfg(feature = "full")]
+pub fn escaped(text: &str) -> String {
+    Escaped(text).to_string()
+}
+
 /// A picture as HTML.
 ///
 /// # Errors

@@ -113,7 +113,67 @@ impl Surface {
     }
 }
 
+impl Surface {
+    /// Where the line through `p` along the unit vector `n`, to both sides, first meets the surface
+    /// within `reach`.
+    pub fn along(&self, p: [f64; 3], n: [f64; 3], reach: f64) -> Option<Nearest> {
+        let mut best: Option<Nearest> = None;
+        let mut nearest = reach;
+        let mut stack = vec![0_u32];
+        while let Some(index) = stack.pop() {
+            let node = &self.nodes[index as usize];
+            if !node.is_met(p, n, nearest) {
+                continue;
+            }
+            if node.second != 0 {
+                stack.extend([index + 1, node.second]);
+                continue;
+            }
+            for t in node.first..node.first + node.count {
+                let Some((s, weights)) = meet(p, n, &self.corners[t as usize]) else { continue };
+                if s.abs() < nearest {
+                    nearest = s.abs();
+                    let point = std::array::from_fn(|k| p[k] + s * n[k]);
+                    let triangle = self.triangles[t as usize];
+                    best = Some(Nearest { point, triangle, weights, squared: s * s });
+                }
+            }
+        }
+        best
+    }
+}
+
+/// How far along a line a triangle is met, and the weights of its corners there (Möller and Trumbore
+/// 1997).
+fn meet(p: [f64; 3], n: [f64; 3], [a, b, c]: &[[f64; 3]; 3]) -> Option<(f64, [f64; 3])> {
+    let cross = |u: [f64; 3], v: [f64; 3]| {
+        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    };
+    let dot = |u: [f64; 3], v: [f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
+    let (ab, ac, ap) = (minus(*b, *a), minus(*c, *a), minus(p, *a));
+    let q = cross(n, ac);
+    let volume = dot(ab, q);
+    let v = dot(ap, q) / volume;
+    let r = cross(ap, ab);
+    let w = dot(n, r) / volume;
+    let s = dot(ac, r) / volume;
+    // Not finite of a line along the triangle, or of one without area: then nothing is met.
+    (v >= 0.0 && w >= 0.0 && v + w <= 1.0 && s.is_finite()).then_some((s, [1.0 - v - w, v, w]))
+}
+
 impl Node {
+    /// Whether a line comes into the box within `reach` of `p`.
+    fn is_met(&self, p: [f64; 3], n: [f64; 3], reach: f64) -> bool {
+        let (mut from, mut to) = (-reach, reach);
+        for k in 0..3 {
+            let (a, b) = ((self.low[k] - p[k]) / n[k], (self.high[k] - p[k]) / n[k]);
+            // NaN, of a line within a side, bounds nothing.
+            from = from.max(a.min(b));
+            to = to.min(a.max(b));
+        }
+        from <= to + 1e-9
+    }
+
     fn squared_distance(&self, p: [f64; 3]) -> f64 {
         (0..3).map(|k| (self.low[k] - p[k]).max(p[k] - self.high[k]).max(0.0).powi(2)).sum()
     }
@@ -202,6 +262,26 @@ fn squared_norm(a: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_meets_what_no_other_triangle_hides() {
+        let mesh = crate::demo::template().unwrap().0;
+        let surface = Surface::new(&mesh);
+        let normals = mesh.normals();
+        for (p, n) in mesh.points.iter().zip(&normals).step_by(97) {
+            let (p, n) = (p.map(f64::from), n.map(f64::from));
+            let start = std::array::from_fn(|k| p[k] + 2.0 * n[k]);
+            let found = surface.along(start, n, 5.0);
+            let brute = surface
+                .corners
+                .iter()
+                .filter_map(|corners| meet(start, n, corners))
+                .map(|(s, _)| s.abs())
+                .fold(5.0, f64::min);
+            assert!((found.map_or(5.0, |f| f.squared.sqrt()) - brute).abs() < 1e-9);
+        }
+        assert_eq!(surface.along([0.0, 0.0, 900.0], [0.0, 0.0, 1.0], 10.0), None);
+    }
     use onescan_core::rng::Rng;
     use proptest::prelude::*;
 

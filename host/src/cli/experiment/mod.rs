@@ -6,7 +6,7 @@ use super::{file_name, output_directory};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::experiment::objects::animals::{Animal, Kind};
-use onescan::experiment::{compactness, decomposition, kernels, objects};
+use onescan::experiment::{compactness, decomposition, kernels, objects, registration};
 use onescan::files::write_atomically;
 use onescan::fit::Schedule;
 use onescan::mesh::Axis;
@@ -45,6 +45,12 @@ enum Which {
     /// table.md.
     Compactness(Compactness),
     Recognition(recognition::Recognition),
+    /// Ten scans registered by shape only, by shape and albedo, and with landmarks.
+    ///
+    /// With a model of kernels, and with one of 60 people and a little of the kernels; judged by where
+    /// vertices truly belong. Takes some minutes. Writes report.html, averages.png, registration.json
+    /// and table.md.
+    Registration(Registration),
 }
 
 impl Experiment {
@@ -56,6 +62,7 @@ impl Experiment {
             Which::Bird(experiment) => experiment.run(Kind::Bird, console),
             Which::Compactness(experiment) => experiment.run(console),
             Which::Recognition(experiment) => experiment.run(console),
+            Which::Registration(experiment) => experiment.run(console),
         }
     }
 }
@@ -248,6 +255,37 @@ impl Compactness {
             &result.curves,
         )?;
         put(&self.output, "report.html", page)?;
+        console.say(format_args!("open {}", self.output.join("report.html").display()));
+        Ok(())
+    }
+}
+
+#[derive(Args)]
+struct Registration {
+    /// Directory to write to.
+    #[arg(short, long, default_value = "out/registration")]
+    output: PathBuf,
+    /// Directory of the fixtures, as in the project's repository.
+    #[arg(long, default_value = "fixtures")]
+    fixtures: PathBuf,
+    /// Scans to register, the first ones.
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10))]
+    scans: u32,
+}
+
+impl Registration {
+    fn run(self, console: Console) -> Result<()> {
+        output_directory(&self.output)?;
+        let mut task = console.task("registration", 1000);
+        let result = registration::run(&self.fixtures, self.scans as usize, &mut |done, what| {
+            task.report(done, what);
+        })?;
+        task.finish();
+        result.averages()?.write_png(&self.output.join("averages.png"))?;
+        put(&self.output, "registration.json", result.to_json()?)?;
+        put(&self.output, "table.md", result.markdown())?;
+        put(&self.output, "report.html", result.page()?)?;
+        console.say(result.markdown().trim_end());
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
