@@ -1,9 +1,12 @@
 //! Reading text; writing files whole or not at all.
 
 use crate::error::{Error, Result};
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
 use std::path::Path;
+#[cfg(feature = "full")]
+use std::{
+    fs::File,
+    io::{self, BufWriter, Write},
+};
 
 /// Reads a text of UTF-8, or of UTF-16 if a byte order mark says so; the mark is not part of it.
 ///
@@ -31,6 +34,7 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// # Errors
 /// When the directory is missing or not writable, the disk is full, or `path` is a directory;
 /// nothing is left behind.
+#[cfg(feature = "full")]
 pub fn write_atomically(
     path: &Path,
     content: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
@@ -57,7 +61,7 @@ pub fn write_atomically(
     Ok(())
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "full"))]
 mod tests {
     use super::*;
 

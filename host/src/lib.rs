@@ -33,7 +33,6 @@ pub mod demo;
 pub mod error;
 #[cfg(feature = "full")]
 pub mod experiment;
-#[cfg(feature = "full")]
 pub mod files;
 pub mod fit;
 #[cfg(feature = "full")]
