@@ -15,7 +15,8 @@ fn a_turned_scan_is_registered_where_it_lies() {
     let run = |line: &str| Onescan::new(place.path(), line).succeed();
     run("build @face/template.ply --landmarks @face/landmarks.json --rank 60 -o face.3dmm");
 
-    let pose = Pose { scale: 1.0, translation: [0.0, 50.0, -900.0], roll: 0.3, yaw: 0.5, pitch: -0.2 };
+    let pose =
+        Pose { scale: 1.0, translation: [0.0, 50.0, -900.0], roll: 0.3, yaw: 0.5, pitch: -0.2 };
     let mut scan = ply::read(&fixtures().join("face/scans/scan_07.ply")).unwrap();
     scan.points.iter_mut().for_each(|p| *p = pose.to_world(*p));
     let mut bytes = Vec::new();

@@ -141,7 +141,7 @@ impl Registration<'_, '_> {
         let matrix = rest.get_mut(..matrix_words(n))?;
         let mut system = System::new(n, engine.normal_equations, equations)?;
         for (i, &a) in self.shape.iter().enumerate().take(k) {
-            system.pull(i, 1.0 / (options.shape_sd * options.shape_sd), a);
+            system.pull(i, 1.0 / (options.width * options.width), a);
         }
         let sd = if look.size { options.size_sd } else { 1e-4 };
         system.pull(k, 1.0 / (sd * sd), math::ln_f32(self.place.size));
