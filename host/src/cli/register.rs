@@ -53,6 +53,10 @@ pub(super) struct Register {
     #[arg(long, value_name = "SD", default_value_t = Options::default().width,
           value_parser = within::<1, 2>)]
     width: f32,
+    /// Also say how far each vertex is known: uncertainty.ply, black to white at 6 mm, by Laplace's
+    /// approximation. Where the scan says nothing, the model's prior shows.
+    #[arg(long)]
+    uncertainty: bool,
     /// Register many scans, and go on if one fails.
     #[arg(long)]
     batch: bool,
@@ -196,11 +200,12 @@ impl Register {
         options.landmark_sd = self.landmark_sd;
         options.width = self.width;
         let mut done = before;
-        let found = registration::register(model, &scan, &places, options, &mut |_| {
-            done += 1;
-            task.set(done);
-        })
-        .map_err(|e| Error::file(path, e))?;
+        let found =
+            registration::register(model, &scan, &places, options, self.uncertainty, &mut |_| {
+                done += 1;
+                task.set(done);
+            })
+            .map_err(|e| Error::file(path, e))?;
         output_directory(directory)?;
         let names = Names {
             model: file_name(&self.model),

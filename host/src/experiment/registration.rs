@@ -144,7 +144,7 @@ pub fn run(fixtures: &Path, scans: usize, progress: &mut Progress<'_>) -> Result
                 options.albedo = way != Way::ShapeOnly;
                 let used = if way == Way::WithLandmarks { &marks[scan][..] } else { &[] };
                 let start = Instant::now();
-                let found = register(&model, mesh, used, options, &mut |_| {})?;
+                let found = register(&model, mesh, used, options, false, &mut |_| {})?;
                 let seconds = start.elapsed().as_secs_f64();
                 rows.push(row(scan, &found, &truths[scan], &marks[scan], &regions, seconds));
                 aligned.push(found.aligned);
