@@ -24,7 +24,7 @@ fn a_turned_scan_is_registered_where_it_lies() {
     fs::create_dir(at("scans")).unwrap();
     fs::write(at("scans/turned.ply"), &bytes).unwrap();
 
-    run("register face.3dmm scans/turned.ply -o one");
+    run("register face.3dmm scans/turned.ply -o one --uncertainty");
     let truth = &scan_truths(&fixtures()).unwrap()[7];
     let found = ply::read(&at("one/registered.ply")).unwrap();
     let squares = found.points.iter().zip(truth).map(|(p, t)| {
@@ -36,7 +36,8 @@ fn a_turned_scan_is_registered_where_it_lies() {
     let numbers = json(&at("one/register.json"));
     assert!(numbers["chamfer_mm"].as_f64().unwrap() < 1.0, "{numbers}");
     assert!(numbers["hausdorff_95_mm"].as_f64() <= numbers["hausdorff_mm"].as_f64());
-    for name in ["registered.glb", "aligned.ply", "distances.ply", "report.html"] {
+    for name in ["registered.glb", "aligned.ply", "distances.ply", "uncertainty.ply", "report.html"]
+    {
         assert!(at("one").join(name).exists(), "{name}");
     }
 

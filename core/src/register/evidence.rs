@@ -133,24 +133,10 @@ impl Registration<'_, '_> {
     }
 
     fn iterate_in(&mut self, look: &Look, memory: &mut [u32]) -> Option<[f32; 2]> {
-        let Problem { options, engine, .. } = self.problem;
         let k = self.shape.len().min(look.components);
         let n = k + PLACE;
-        let memory: &mut [f32] = bytemuck::try_cast_slice_mut(memory).ok()?;
-        let (equations, rest) = memory.split_at_mut_checked(system_words(n))?;
-        let matrix = rest.get_mut(..matrix_words(n))?;
-        let mut system = System::new(n, engine.normal_equations, equations)?;
-        for (i, &a) in self.shape.iter().enumerate().take(k) {
-            system.pull(i, 1.0 / (options.shape_sd * options.shape_sd), a);
-        }
-        let sd = if look.size { options.size_sd } else { 1e-4 };
-        system.pull(k, 1.0 / (sd * sd), math::ln_f32(self.place.size));
-        for i in 1..PLACE {
-            // Nothing is known of the pose; but it is to be found.
-            system.pull(k + i, if i < 4 { 1e-2 } else { 1e-6 }, 0.0);
-        }
-        let result = self.add_feet(look, k, &mut system);
-        self.add_landmarks(k, &mut system);
+        let (mut system, matrix) = self.system(n, memory)?;
+        let result = self.add_all(look, k, &mut system);
         let step = self.step.get_mut(..n)?;
         system.solve_damped(0.0, |_| 0.0, matrix, step)?;
         let (shape, place) = step.split_at_checked(k)?;
@@ -162,6 +148,36 @@ impl Registration<'_, '_> {
             self.update();
         }
         Some(result)
+    }
+
+    /// Empty equations of `n` unknowns, and room for their matrix.
+    pub(super) fn system<'m>(
+        &self,
+        n: usize,
+        memory: &'m mut [u32],
+    ) -> Option<(System<'m>, &'m mut [f32])> {
+        let memory: &mut [f32] = bytemuck::try_cast_slice_mut(memory).ok()?;
+        let (equations, rest) = memory.split_at_mut_checked(system_words(n))?;
+        let matrix = rest.get_mut(..matrix_words(n))?;
+        let system = System::new(n, self.problem.engine.normal_equations, equations)?;
+        Some((system, matrix))
+    }
+
+    /// Adds what priors, vertices and landmarks say, the shape having `k` unknowns.
+    pub(super) fn add_all(&mut self, look: &Look, k: usize, system: &mut System<'_>) -> [f32; 2] {
+        let Problem { options, .. } = self.problem;
+        for (i, &a) in self.shape.iter().enumerate().take(k) {
+            system.pull(i, 1.0 / (options.width * options.width), a);
+        }
+        let sd = if look.size { options.size_sd } else { 1e-4 };
+        system.pull(k, 1.0 / (sd * sd), math::ln_f32(self.place.size));
+        for i in 1..PLACE {
+            // Nothing is known of the pose; but it is to be found.
+            system.pull(k + i, if i < 4 { 1e-2 } else { 1e-6 }, 0.0);
+        }
+        let result = self.add_feet(look, k, system);
+        self.add_landmarks(k, system);
+        result
     }
 
     /// Adds what some vertices say.
@@ -222,8 +238,21 @@ impl Registration<'_, '_> {
 
     /// Adds the equations of a vertex, its shape having `k` unknowns.
     fn add_pull(&mut self, v: u32, k: usize, pull: &Pull, system: &mut System<'_>) {
-        let Problem { model, engine, .. } = self.problem;
         let (directions, residuals) = pull.rows();
+        self.fill_rows(v, k, directions);
+        for ((row, d), r) in self.rows.iter().zip(directions).zip(residuals) {
+            if d != [0.0; 3]
+                && let Some(row) = row.get(..k + PLACE)
+            {
+                system.add_row(row, 1.0, r);
+            }
+        }
+    }
+
+    /// Fills the rows with how a vertex moves along three directions of the model's frame as the unknowns
+    /// change, `k` of them the shape's.
+    pub(super) fn fill_rows(&mut self, v: u32, k: usize, directions: [Vec3; 3]) {
+        let Problem { model, engine, .. } = self.problem;
         let x = self.sized(v);
         let costs = directions.map(|d| scale(d, self.place.size));
         let [a, b, c] = &mut self.rows;
@@ -234,17 +263,13 @@ impl Registration<'_, '_> {
             let entries = Some(&self.shape_by_vertex);
             (engine.rows)(&model.shape, entries, &[(v as usize, costs)], [a, b, c]);
         }
-        for ((row, d), r) in self.rows.iter_mut().zip(directions).zip(residuals) {
-            if d == [0.0; 3] {
-                continue;
-            }
+        for (row, d) in self.rows.iter_mut().zip(directions) {
             let [wx, wy, wz] = cross(x, d);
             let place = [dot(d, x), wx, wy, wz, d[0], d[1], d[2]];
             let Some(row) = row.get_mut(..k + PLACE) else { return };
             for (to, from) in row.iter_mut().skip(k).zip(place) {
                 *to = from;
             }
-            system.add_row(row, 1.0, r);
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! A vertex of the model is at `p = R x + t` in the scan's place, `x = e^σ (mean + Σ aₖ φₖ)`. What is
 //! sought are shape `a`, size `σ` and pose `R`, `t`; the scan's albedo by the way. Every vertex looks
-//! for its foot, the nearest point of the scan ([`nearest`]), and says by it (`evidence.rs`) that it
+//! for its foot, the nearest point of the scan (`nearest.rs`), and says by it (`evidence.rs`) that it
 //! ought to lie on the scan's surface, and to have the scan's colour there. The first leaves it free to
 //! slide along the surface, which is where nearly all error of registrations lies; the second holds it
 //! where colours change: eyes, brows, lips. That is what pixels of renderings from all sides would say
@@ -22,6 +22,7 @@ mod place;
 mod scan;
 mod start;
 mod state;
+mod uncertainty;
 
 use evidence::Look;
 pub use options::{LEVELS, Level, Options};

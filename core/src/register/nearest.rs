@@ -202,3 +202,59 @@ fn split(scan: &Scan<'_>, triangles: &mut [u32], count: usize) {
         triangles.select_nth_unstable_by(count, |&s, &t| key(s).total_cmp(&key(t)).then(s.cmp(&t)));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+    use std::vec;
+    use std::vec::Vec;
+
+    #[test]
+    fn the_tree_finds_what_looking_at_every_triangle_finds() {
+        let mut rng = Rng::new(9, 0);
+        for count in [1, 2, 4, 5, 9, 37, 400] {
+            let mut place = |reach: f64| [0; 3].map(|_| rng.normal_sd(reach));
+            let points: Vec<Vec3> = (0..count + 2).map(|_| place(20.0)).collect();
+            let colors = vec![[0.5; 3]; points.len()];
+            let triangles: Vec<[u32; 3]> = (0..count as u32).map(|t| [t, t + 1, t + 2]).collect();
+            let scan = Scan::new(&points, &colors, &triangles).unwrap();
+            let mut memory = vec![u32::MAX; nearest_words(count)];
+            let nearest = Nearest::carve(&mut Carver::new(&mut memory), &scan).unwrap();
+            for _ in 0..100 {
+                let p = place(40.0);
+                let found = nearest.find(&scan, p, f32::INFINITY).unwrap();
+                let squared = |t: u32| {
+                    let corners = scan.corners(t).map(|v| scan.point(v));
+                    let w = nearest_of_triangle(p, corners);
+                    let [a, b, c] = [0, 1, 2].map(|i| scale(corners[i], w[i]));
+                    let apart = sub(add(add(a, b), c), p);
+                    dot(apart, apart)
+                };
+                let least = (0..count as u32).map(squared).fold(f32::INFINITY, f32::min);
+                assert_eq!(found.squared, least, "{count}");
+                assert!((found.weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+                assert_eq!(nearest.find(&scan, p, 0.5 * least), None);
+            }
+        }
+    }
+
+    #[test]
+    fn no_point_of_a_triangle_is_nearer() {
+        let mut rng = Rng::new(4, 0);
+        for _ in 0..300 {
+            let [a, b, c, p] = [0; 4].map(|_| [0; 3].map(|_| rng.normal_sd(1.0)));
+            let far = |w: [f32; 3]| {
+                let d = sub(add(add(scale(a, w[0]), scale(b, w[1])), scale(c, w[2])), p);
+                dot(d, d)
+            };
+            let found = far(nearest_of_triangle(p, [a, b, c]));
+            for i in 0..=20 {
+                for j in 0..=20 - i {
+                    let (u, v) = (i as f32 / 20.0, j as f32 / 20.0);
+                    assert!(found <= far([1.0 - u - v, u, v]) + 1e-5);
+                }
+            }
+        }
+    }
+}

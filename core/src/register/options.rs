@@ -26,8 +26,8 @@ pub const LEVELS: [Level; 4] = [
 pub struct Options {
     /// Whether colours say where a vertex belongs.
     pub albedo: bool,
-    /// Standard deviation of a shape coefficient; the model's is 1.
-    pub shape_sd: f32,
+    /// Standard deviation of coefficients of shape and albedo; the model's is 1.
+    pub width: f32,
     /// Standard deviation of the logarithm of the size.
     pub size_sd: f32,
     /// Standard deviation of the distance to the scan, mm.
@@ -53,17 +53,17 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             albedo: true,
-            shape_sd: 0.45,
+            width: 0.45,
             // The 60 people of `fixtures/face` differ by 3.6 to 5.8 % along the axes.
             size_sd: 0.04,
             distance_sd: 0.4,
             patch: 30.0,
-            color_sd: 0.12,
-            color_patch: 0.75,
+            color_sd: 0.05,
+            color_patch: 8.6,
             albedo_sd: 0.05,
-            albedo_patch: 80.0,
+            albedo_patch: 70.0,
             landmark_sd: 1.0,
-            rim: 3.0,
+            rim: 1.5,
         }
     }
 }

@@ -104,7 +104,8 @@ impl Registration<'_, '_> {
         let matrix = rest.get_mut(..matrix_words(n))?;
         let mut system = System::new(n, engine.normal_equations, equations)?;
         for i in 0..n {
-            system.pull(i, if i < k { 1.0 } else { 1.0 / (TINT_SD * TINT_SD) }, 0.0);
+            let sd = if i < k { options.width } else { TINT_SD };
+            system.pull(i, 1.0 / (sd * sd), 0.0);
         }
         let weight = STRIDE as f32 * self.share
             / (options.albedo_sd * options.albedo_sd * options.albedo_patch);

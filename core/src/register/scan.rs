@@ -236,3 +236,85 @@ pub(super) fn blur(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// A plane of n × n vertices 1 mm apart.
+    fn plane(n: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+        let points = (0..n * n).map(|v| [(v % n) as f32, (v / n) as f32, 0.0]).collect();
+        let cells = (0..n - 1).flat_map(|y| (0..n - 1).map(move |x| y * n + x));
+        let triangles = cells.flat_map(|v| [[v, v + 1, v + n], [v + 1, v + n + 1, v + n]]);
+        (points, triangles.collect())
+    }
+
+    #[test]
+    fn what_is_no_surface_is_refused() {
+        let (points, triangles) = plane(3);
+        let colors = vec![[0.5; 3]; 9];
+        let error = |p: &[Vec3], c: &[Vec3], t: &[[u32; 3]]| Scan::new(p, c, t).unwrap_err();
+        assert!(Scan::new(&points, &colors, &triangles).is_ok());
+        let few = RegisterError::Colors { points: 9, colors: 8 };
+        assert_eq!(error(&points, &colors[1..], &triangles), few);
+        let far = RegisterError::Triangle { index: 0 };
+        assert_eq!(error(&points, &colors, &[[0, 1, 9]]), far);
+        let none = RegisterError::Triangles { found: 1 };
+        assert_eq!(error(&points, &colors, &[[0, 1, 2]]), none);
+        let mut bad = points.clone();
+        bad[4][1] = f32::NAN;
+        assert_eq!(error(&bad, &colors, &triangles), RegisterError::Point { index: 4 });
+    }
+
+    #[test]
+    fn the_rim_is_as_far_as_its_edges_are_long_and_holes_have_one() {
+        let (points, mut triangles) = plane(21);
+        let colors = vec![[0.5; 3]; points.len()];
+        let mut rim = vec![0.0; points.len()];
+        let mut edges = vec![[0; 2]; 3 * triangles.len()];
+        let scan = Scan::new(&points, &colors, &triangles).unwrap();
+        scan.find_rim(&mut rim, &mut edges, 6.0);
+        assert_eq!((rim[0], rim[2 * 21 + 10], rim[10 * 21 + 10]), (0.0, 2.0, 6.0));
+        triangles.retain(|t| !t.contains(&(10 * 21 + 10)));
+        let scan = Scan::new(&points, &colors, &triangles).unwrap();
+        let mut edges = vec![[0; 2]; 3 * triangles.len()];
+        scan.find_rim(&mut rim, &mut edges, 6.0);
+        assert_eq!((rim[10 * 21 + 9], rim[10 * 21 + 7]), (0.0, 2.0));
+    }
+
+    #[test]
+    fn slopes_of_a_plane_of_colours_are_its_own() {
+        let (points, triangles) = plane(4);
+        let color = |p: &Vec3| [0.1 * p[0], 0.2 * p[1] - 0.1 * p[0], 0.5];
+        let colors: Vec<Vec3> = points.iter().map(color).collect();
+        let scan = Scan::new(&points, &colors, &triangles).unwrap();
+        for t in 0..triangles.len() as u32 {
+            let expected = [[0.1, 0.0, 0.0], [-0.1, 0.2, 0.0], [0.0; 3]];
+            for (slope, expected) in scan.slopes(&colors, t).iter().zip(expected) {
+                assert!(sub(*slope, expected).iter().all(|x| x.abs() < 1e-5), "{slope:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_blurred_point_has_the_variance_that_was_asked_for() {
+        let (points, triangles) = plane(61);
+        let middle = 30 * 61 + 30;
+        let mut values = vec![[0.0; 3]; points.len()];
+        values[middle][0] = 1.0;
+        let mut sums = vec![[[0.0; 4]; 2]; points.len()];
+        let triangle = |t: usize| triangles.get(t).copied();
+        blur(&mut values, triangle, |v| points[v as usize], 4.0, &mut sums);
+        let moment = |axis: usize| -> f32 {
+            let far = |p: &Vec3| (p[axis] - 30.0) * (p[axis] - 30.0);
+            points.iter().zip(&values).map(|(p, v)| v[0] * far(p)).sum()
+        };
+        let sum: f32 = values.iter().map(|v| v[0]).sum();
+        for axis in 0..2 {
+            let deviation = (moment(axis) / sum).sqrt();
+            assert!((deviation - 4.0).abs() < 0.3, "{deviation}");
+        }
+    }
+}

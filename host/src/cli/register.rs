@@ -48,11 +48,15 @@ pub(super) struct Register {
     /// How sure landmarks are: standard deviation, mm.
     #[arg(long, value_name = "MM", default_value_t = 1.0, value_parser = within::<1, 20>)]
     landmark_sd: f32,
-    /// How far the shape may go: standard deviation of its coefficients, .1 to 2. The default suits
+    /// How far shape and albedo may go: standard deviation of coefficients, .1 to 2. The default suits
     /// kernels, which allow for more than people differ by; 1 suits a model learnt from people.
-    #[arg(long, value_name = "SD", default_value_t = Options::default().shape_sd,
+    #[arg(long, value_name = "SD", default_value_t = Options::default().width,
           value_parser = within::<1, 2>)]
-    shape_sd: f32,
+    width: f32,
+    /// Also say how far each vertex is known: uncertainty.ply, black to white at 6 mm, by Laplace's
+    /// approximation. Where the scan says nothing, the model's prior shows.
+    #[arg(long)]
+    uncertainty: bool,
     /// Register many scans, and go on if one fails.
     #[arg(long)]
     batch: bool,
@@ -194,13 +198,14 @@ impl Register {
         let mut options = Options::default();
         options.albedo = !self.shape_only;
         options.landmark_sd = self.landmark_sd;
-        options.shape_sd = self.shape_sd;
+        options.width = self.width;
         let mut done = before;
-        let found = registration::register(model, &scan, &places, options, &mut |_| {
-            done += 1;
-            task.set(done);
-        })
-        .map_err(|e| Error::file(path, e))?;
+        let found =
+            registration::register(model, &scan, &places, options, self.uncertainty, &mut |_| {
+                done += 1;
+                task.set(done);
+            })
+            .map_err(|e| Error::file(path, e))?;
         output_directory(directory)?;
         let names = Names {
             model: file_name(&self.model),
@@ -260,9 +265,9 @@ impl Register {
         if self.shape_only {
             command += " --shape-only";
         }
-        if self.shape_sd.to_bits() != defaults.shape_sd.to_bits() {
+        if self.width.to_bits() != defaults.width.to_bits() {
             // Writing to a string cannot fail.
-            let _ = write!(command, " --shape-sd {}", self.shape_sd);
+            let _ = write!(command, " --width {}", self.width);
         }
         command
     }

@@ -122,10 +122,8 @@ pub fn run(fixtures: &Path, scans: usize, progress: &mut Progress<'_>) -> Result
     progress(0.0, "models");
     let kernels = demo::template_model(199, &mut |_, _| {})?.model;
     let people = people(fixtures, &kernels, &landmarks)?;
-    let models = [
-        ("kernels", &kernels, Options::default().shape_sd),
-        ("60 people + .3 kernels", &people, 1.0),
-    ];
+    let models =
+        [("kernels", &kernels, Options::default().width), ("60 people + .3 kernels", &people, 1.0)];
     let truths = scan_truths(fixtures)?;
     let marks = scan_landmarks(fixtures, &landmarks)?;
     let scans = scans.min(truths.len());
@@ -135,18 +133,18 @@ pub fn run(fixtures: &Path, scans: usize, progress: &mut Progress<'_>) -> Result
     let total = (models.len() * Way::ALL.len() * scans) as f64;
     let mut done = 0.0;
     let mut series = Vec::new();
-    for (name, model, shape_sd) in models {
+    for (name, model, width) in models {
         let model = model.view();
         for way in Way::ALL {
             let (mut rows, mut aligned) = (Vec::new(), Vec::new());
             for (scan, mesh) in meshes.iter().enumerate() {
                 progress(done / total, "registering");
                 let mut options = Options::default();
-                options.shape_sd = shape_sd;
+                options.width = width;
                 options.albedo = way != Way::ShapeOnly;
                 let used = if way == Way::WithLandmarks { &marks[scan][..] } else { &[] };
                 let start = Instant::now();
-                let found = register(&model, mesh, used, options, &mut |_| {})?;
+                let found = register(&model, mesh, used, options, false, &mut |_| {})?;
                 let seconds = start.elapsed().as_secs_f64();
                 rows.push(row(scan, &found, &truths[scan], &marks[scan], &regions, seconds));
                 aligned.push(found.aligned);

@@ -35,12 +35,14 @@ pub struct Registered {
     pub size: f32,
     /// Per vertex how much the scan says of its place, 0 (nothing: the prior shows) to 1.
     pub weights: Vec<f32>,
+    /// Per vertex the standard deviation of its place, mm, if that was asked for.
+    pub deviations: Option<Vec<f32>>,
     /// Distances of all kinds.
     pub measures: Measures,
 }
 
 /// Registers a model to a scan in millimetres, with some vertices of the model whose places on the
-/// scan are known. `watch` hears of every iteration.
+/// scan are known. `watch` hears of every iteration; `uncertainty` also finds how far vertices are known.
 ///
 /// # Errors
 /// A scan without a triangle, or of which so little is matched that nothing is known.
@@ -49,6 +51,7 @@ pub fn register(
     scan: &Mesh,
     landmarks: &[(u32, [f32; 3])],
     options: Options,
+    uncertainty: bool,
     watch: &mut dyn FnMut(&Iteration),
 ) -> Result<Registered> {
     let (scan, _) = mend(scan, false);
@@ -69,6 +72,11 @@ pub fn register(
         )));
     }
     let vertices = 0..model.vertices() as u32;
+    let deviations = uncertainty.then(|| {
+        let mut deviations = vec![0.0; model.vertices()];
+        search.deviations(&mut deviations);
+        deviations
+    });
     let points: Vec<[f32; 3]> = vertices.clone().map(|v| search.vertex(v)).collect();
     let triangles = (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect();
     let surface = Surface::new(&scan);
@@ -85,6 +93,7 @@ pub fn register(
         shape: search.shape().to_vec(),
         size: search.place().size,
         weights: vertices.map(|v| search.weight(v)).collect(),
+        deviations,
         mesh,
         scan,
     })
@@ -130,7 +139,7 @@ mod tests {
             };
             scan.triangles.retain(|t| !t.iter().any(|&v| hole(v)));
             scan.triangles.reverse();
-            let found = register(&model, &scan, &[], options, &mut |_| {}).unwrap();
+            let found = register(&model, &scan, &[], options, false, &mut |_| {}).unwrap();
             let truth: Vec<[f32; 3]> = mesh.points.iter().map(|&p| pose.to_world(p)).collect();
             let squares = found
                 .mesh
@@ -140,7 +149,7 @@ mod tests {
                 .map(|(a, b)| (0..3).map(|i| f64::from(a[i] - b[i]).powi(2)).sum::<f64>());
             let rms = (squares.sum::<f64>() / truth.len() as f64).sqrt();
             assert!(rms < 1.0, "{roll} {yaw} {pitch}: {rms} mm");
-            let again = register(&model, &scan, &[], options, &mut |_| {}).unwrap();
+            let again = register(&model, &scan, &[], options, false, &mut |_| {}).unwrap();
             assert_eq!(again.mesh, found.mesh, "same bits");
         }
     }
@@ -153,7 +162,8 @@ mod tests {
             colors: vec![[0.5; 3]; 3],
             triangles: vec![[0, 1, 2]],
         };
-        let error = register(&built.model.view(), &flat, &[], Options::default(), &mut |_| {});
+        let error =
+            register(&built.model.view(), &flat, &[], Options::default(), true, &mut |_| {});
         assert!(error.unwrap_err().to_string().contains("triangles"));
     }
 }

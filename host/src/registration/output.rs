@@ -1,6 +1,6 @@
 //! What a registration leaves behind: meshes, numbers, and a page.
 
-use super::Registered;
+use super::{Distances, Registered};
 use crate::error::{Error, Result};
 use crate::files::write_atomically;
 use crate::mesh::ply::{self, Encoding};
@@ -18,6 +18,8 @@ use std::path::Path;
 
 /// The distance that is white in distances.ply, mm.
 const FULL: f64 = 3.0;
+/// The standard deviation that is white in uncertainty.ply, mm.
+const FULL_DEVIATION: f64 = 6.0;
 /// Width of a bar of the histogram, mm.
 const BIN: f64 = 0.1;
 /// Bars of the histogram; the last holds all that is farther.
@@ -55,14 +57,18 @@ pub fn write(
         Ok(bytes)
     };
     let value = to_json(result, landmarks, names);
-    let files: [(&str, Vec<u8>); 6] = [
+    let mut files: Vec<(&str, Vec<u8>)> = vec![
         ("registered.ply", bytes(&result.mesh)?),
         ("registered.glb", glb::encode(&result.mesh, "registered")?),
         ("aligned.ply", bytes(&result.aligned)?),
         ("distances.ply", bytes(&distances(result))?),
         ("report.html", page(result, &value, names)?.into_bytes()),
-        ("register.json", format!("{value:#}\n").into_bytes()),
     ];
+    if let Some(mesh) = uncertainty(result) {
+        files.push(("uncertainty.ply", bytes(&mesh)?));
+    }
+    // Last: where it is, all is.
+    files.push(("register.json", format!("{value:#}\n").into_bytes()));
     for (name, bytes) in files {
         write_atomically(&directory.join(name), |out| out.write_all(&bytes))?;
     }
@@ -72,11 +78,21 @@ pub fn write(
 /// The registered mesh, coloured by the distance to the scan: black is none, then violet, red, orange
 /// and yellow to white at 3 mm.
 fn distances(result: &Registered) -> Mesh {
-    let color = |d: &f64| {
-        let level = (1024.0 * d / FULL).clamp(0.0, 1024.0) as u32;
-        heat_color(level).map(|c| f32::from(c) / 255.0)
+    heat(result, result.measures.per_vertex.iter().map(|d| d / FULL))
+}
+
+/// The registered mesh, coloured the same by the standard deviations of its vertices, white at 6 mm.
+fn uncertainty(result: &Registered) -> Option<Mesh> {
+    let deviations = result.deviations.as_ref()?;
+    Some(heat(result, deviations.iter().map(|sd| f64::from(*sd) / FULL_DEVIATION)))
+}
+
+/// The registered mesh in colours from black (0) to white (1 and more).
+fn heat(result: &Registered, values: impl Iterator<Item = f64>) -> Mesh {
+    let color = |value: f64| {
+        heat_color((1024.0 * value).clamp(0.0, 1024.0) as u32).map(|c| f32::from(c) / 255.0)
     };
-    Mesh { colors: result.measures.per_vertex.iter().map(color).collect(), ..result.mesh.clone() }
+    Mesh { colors: values.map(color).collect(), ..result.mesh.clone() }
 }
 
 fn to_json(result: &Registered, landmarks: &[(String, [f32; 3], u32)], names: &Names) -> Value {
@@ -101,6 +117,9 @@ fn to_json(result: &Registered, landmarks: &[(String, [f32; 3], u32)], names: &N
         "vertices": result.mesh.points.len(),
         "vertices_with_evidence": counted,
         "landmarks": apart,
+        "uncertainty_mm": result.deviations.as_ref().map(|deviations| {
+            Distances::of(deviations.iter().copied().map(f64::from).collect())
+        }),
         "size": result.size,
         "shape": result.shape,
     })
@@ -137,20 +156,23 @@ fn page(result: &Registered, value: &Value, names: &Names) -> Result<String> {
     let shown =
         sides(result, &[(&result.scan, false), (&result.mesh, false), (&distances(result), true)])?;
     let mut body = String::from("<section>\n<div class=\"pictures\">\n");
-    for (picture, alt, caption) in [
-        (&shown[0], "The scan from three sides", "The scan."),
+    let captions = [
+        ("The scan from three sides", "The scan."),
         (
-            &shown[1],
             "The registered mesh from three sides",
             "The registered mesh: the model’s topology, the scan’s colours.",
         ),
         (
-            &shown[2],
             "Distances from three sides",
             "Distance to the scan, from black (0) by violet, red and orange to white (3 mm and more). \
              It does not show whether vertices have slid along the surface.",
         ),
-    ] {
+        (
+            "Standard deviations from three sides",
+            "How far each vertex is known: standard deviation, from black (0) to white (6 mm and more).",
+        ),
+    ];
+    for (picture, (alt, caption)) in shown.iter().zip(captions) {
         body += &report::figure(picture, alt, caption)?;
     }
     body += "</div>\n";
