@@ -139,9 +139,8 @@ pub fn run(fixtures: &Path, scans: usize, progress: &mut Progress<'_>) -> Result
             let (mut rows, mut aligned) = (Vec::new(), Vec::new());
             for (scan, mesh) in meshes.iter().enumerate() {
                 progress(done / total, "registering");
-                let mut options = Options::default();
-                options.width = width;
-                options.albedo = way != Way::ShapeOnly;
+                let albedo = way != Way::ShapeOnly;
+                let options = Options { width, albedo, ..Options::default() };
                 let used = if way == Way::WithLandmarks { &marks[scan][..] } else { &[] };
                 let start = Instant::now();
                 let found = register(&model, mesh, used, options, false, &mut |_| {})?;
@@ -169,8 +168,10 @@ fn people(fixtures: &Path, kernels: &OwnedModel, landmarks: &[Landmark]) -> Resu
     people.augmented(&kernels)?.to_model(i16::MAX)
 }
 
-/// Per scan the template's landmarks' vertices and true places.
-fn scan_landmarks(fixtures: &Path, landmarks: &[Landmark]) -> Result<Vec<Vec<(u32, [f32; 3])>>> {
+/// Of a scan the landmarks' vertices in the template, and their true places.
+type Marks = Vec<(u32, [f32; 3])>;
+
+fn scan_landmarks(fixtures: &Path, landmarks: &[Landmark]) -> Result<Vec<Marks>> {
     let path = fixtures.join("face/scans/scans.json");
     let text = std::fs::read_to_string(&path).map_err(|e| Error::file(&path, e))?;
     let value: serde_json::Value =
@@ -384,7 +385,8 @@ impl Registrations {
         body += "</section>\n<section>\n<h2>Distances scan by scan, kernel model</h2>\n\
                  <ul class=\"legend\"><li class=\"series-0\"><i></i>shape only</li>\
                  <li class=\"series-2\"><i></i>shape and albedo</li></ul>\n<div class=\"charts\">\n";
-        let values: [(&str, fn(&Row) -> f64); 5] = [
+        type Value = fn(&Row) -> f64;
+        let values: [(&str, Value); 5] = [
             ("Hausdorff distance, all vertices, mm", |r| r.hausdorff_mm),
             ("Chamfer distance, all vertices, mm", |r| r.chamfer_mm),
             ("Hausdorff distance, landmarks, mm", |r| r.landmarks_mm.largest),

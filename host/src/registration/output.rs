@@ -153,8 +153,10 @@ fn sides(result: &Registered, meshes: &[(&Mesh, bool)]) -> Result<Vec<Picture>> 
 }
 
 fn page(result: &Registered, value: &Value, names: &Names) -> Result<String> {
-    let shown =
-        sides(result, &[(&result.scan, false), (&result.mesh, false), (&distances(result), true)])?;
+    let (distances, uncertainty) = (distances(result), uncertainty(result));
+    let mut meshes = vec![(&result.scan, false), (&result.mesh, false), (&distances, true)];
+    meshes.extend(uncertainty.iter().map(|mesh| (mesh, true)));
+    let shown = sides(result, &meshes)?;
     let mut body = String::from("<section>\n<div class=\"pictures\">\n");
     let captions = [
         ("The scan from three sides", "The scan."),
