@@ -15,7 +15,7 @@ use onescan::recognition::fits;
 use onescan::render;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use onescan_tests::coarse;
+use onescan_tests::coarse::coarse;
 use onescan_tests::program::{Onescan, fixtures, json};
 use std::fs;
 use std::path::Path;

@@ -168,6 +168,9 @@ fn people(fixtures: &Path, kernels: &OwnedModel, landmarks: &[Landmark]) -> Resu
     people.augmented(&kernels)?.to_model(i16::MAX)
 }
 
+/// What a chart shows of a registration.
+type Value = fn(&Row) -> f64;
+
 /// Of a scan the landmarks' vertices in the template, and their true places.
 type Marks = Vec<(u32, [f32; 3])>;
 
@@ -385,7 +388,6 @@ impl Registrations {
         body += "</section>\n<section>\n<h2>Distances scan by scan, kernel model</h2>\n\
                  <ul class=\"legend\"><li class=\"series-0\"><i></i>shape only</li>\
                  <li class=\"series-2\"><i></i>shape and albedo</li></ul>\n<div class=\"charts\">\n";
-        type Value = fn(&Row) -> f64;
         let values: [(&str, Value); 5] = [
             ("Hausdorff distance, all vertices, mm", |r| r.hausdorff_mm),
             ("Chamfer distance, all vertices, mm", |r| r.chamfer_mm),
