@@ -108,6 +108,11 @@ impl Evidence<'_, '_> {
         }
     }
 
+    /// Log density of the whole picture, were all of it background.
+    pub(super) fn ln_background(&self) -> f64 {
+        self.planes.ln_background.iter().map(|&x| f64::from(x)).sum()
+    }
+
     /// Compares what has been rendered with the photo: fills mask and weights, and gives the image
     /// term; `None` if nothing is covered. `memory` has room for three planes.
     #[inline(never)]

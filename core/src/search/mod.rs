@@ -126,9 +126,13 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
         self.common.finest() && self.still >= PATIENCE
     }
 
-    /// Log density of photos and mode together, up to a constant that models share.
+    /// Log density of photos and mode together, up to a constant that models share. The image term is
+    /// relative to the background, which each model finds elsewhere: so that is added.
     pub(crate) fn ln_mode(&self) -> f64 {
-        -self.energy.total() - self.common.priors().ln_widths(self.common.layout)
+        let background: f64 = self.evidence().map(Evidence::ln_background).sum();
+        background / f64::from(self.common.patch())
+            - self.energy.total()
+            - self.common.priors().ln_widths(self.common.layout)
     }
 
     /// Whether there is nothing left to do.
