@@ -171,10 +171,9 @@ impl Register {
         }
         let mut names: Vec<String> = paths.iter().map(|path| folder(path)).collect();
         names.sort();
-        if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        if let Some((name, _)) = names.iter().zip(names.iter().skip(1)).find(|(a, b)| a == b) {
             return Err(Error::new(format_args!(
-                "two scans are called {}; their folders would be the same, rename one",
-                pair[0]
+                "two scans are called {name}; their folders would be the same, rename one"
             )));
         }
         Ok(paths)
@@ -195,10 +194,12 @@ impl Register {
             None => Vec::new(),
         };
         let places: Vec<_> = marks.iter().map(|(_, at, vertex)| (*vertex, *at)).collect();
-        let mut options = Options::default();
-        options.albedo = !self.shape_only;
-        options.landmark_sd = self.landmark_sd;
-        options.width = self.width;
+        let options = Options {
+            albedo: !self.shape_only,
+            landmark_sd: self.landmark_sd,
+            width: self.width,
+            ..Options::default()
+        };
         let mut done = before;
         let found =
             registration::register(model, &scan, &places, options, self.uncertainty, &mut |_| {
