@@ -214,7 +214,7 @@ mod tests {
     fn the_tree_finds_what_looking_at_every_triangle_finds() {
         let mut rng = Rng::new(9, 0);
         for count in [1, 2, 4, 5, 9, 37, 400] {
-            let mut place = |reach: f64| [0; 3].map(|_| rng.normal_sd(reach));
+            let mut place = |reach: f32| [0; 3].map(|_| rng.normal_sd(reach));
             let points: Vec<Vec3> = (0..count + 2).map(|_| place(20.0)).collect();
             let colors = vec![[0.5; 3]; points.len()];
             let triangles: Vec<[u32; 3]> = (0..count as u32).map(|t| [t, t + 1, t + 2]).collect();
