@@ -195,10 +195,12 @@ impl Register {
             None => Vec::new(),
         };
         let places: Vec<_> = marks.iter().map(|(_, at, vertex)| (*vertex, *at)).collect();
-        let mut options = Options::default();
-        options.albedo = !self.shape_only;
-        options.landmark_sd = self.landmark_sd;
-        options.width = self.width;
+        let options = Options {
+            albedo: !self.shape_only,
+            landmark_sd: self.landmark_sd,
+            width: self.width,
+            ..Options::default()
+        };
         let mut done = before;
         let found =
             registration::register(model, &scan, &places, options, self.uncertainty, &mut |_| {

@@ -139,9 +139,8 @@ pub fn run(fixtures: &Path, scans: usize, progress: &mut Progress<'_>) -> Result
             let (mut rows, mut aligned) = (Vec::new(), Vec::new());
             for (scan, mesh) in meshes.iter().enumerate() {
                 progress(done / total, "registering");
-                let mut options = Options::default();
-                options.width = width;
-                options.albedo = way != Way::ShapeOnly;
+                let albedo = way != Way::ShapeOnly;
+                let options = Options { width, albedo, ..Options::default() };
                 let used = if way == Way::WithLandmarks { &marks[scan][..] } else { &[] };
                 let start = Instant::now();
                 let found = register(&model, mesh, used, options, false, &mut |_| {})?;
@@ -169,8 +168,11 @@ fn people(fixtures: &Path, kernels: &OwnedModel, landmarks: &[Landmark]) -> Resu
     people.augmented(&kernels)?.to_model(i16::MAX)
 }
 
+/// Vertices of landmarks, and their places on a scan.
+type Marks = Vec<(u32, [f32; 3])>;
+
 /// Per scan the template's landmarks' vertices and true places.
-fn scan_landmarks(fixtures: &Path, landmarks: &[Landmark]) -> Result<Vec<Vec<(u32, [f32; 3])>>> {
+fn scan_landmarks(fixtures: &Path, landmarks: &[Landmark]) -> Result<Vec<Marks>> {
     let path = fixtures.join("face/scans/scans.json");
     let text = std::fs::read_to_string(&path).map_err(|e| Error::file(&path, e))?;
     let value: serde_json::Value =
@@ -302,6 +304,9 @@ fn from_line(p: [f32; 3], [a, b]: [[f32; 3]; 2]) -> f64 {
     apart(p, [0, 1, 2].map(|i| a[i] + t * ab[i]))
 }
 
+/// What a chart shows of a scan.
+type Value = fn(&Row) -> f64;
+
 /// Pixels of the averages' pictures, and of what is cut out about the left eye.
 const SIDE: u32 = 1000;
 const EYE: u32 = 320;
@@ -384,7 +389,7 @@ impl Registrations {
         body += "</section>\n<section>\n<h2>Distances scan by scan, kernel model</h2>\n\
                  <ul class=\"legend\"><li class=\"series-0\"><i></i>shape only</li>\
                  <li class=\"series-2\"><i></i>shape and albedo</li></ul>\n<div class=\"charts\">\n";
-        let values: [(&str, fn(&Row) -> f64); 5] = [
+        let values: [(&str, Value); 5] = [
             ("Hausdorff distance, all vertices, mm", |r| r.hausdorff_mm),
             ("Chamfer distance, all vertices, mm", |r| r.chamfer_mm),
             ("Hausdorff distance, landmarks, mm", |r| r.landmarks_mm.largest),
