@@ -171,10 +171,11 @@ impl Register {
         }
         let mut names: Vec<String> = paths.iter().map(|path| folder(path)).collect();
         names.sort();
-        if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        if let Some(name) =
+            names.iter().zip(names.iter().skip(1)).find(|(a, b)| a == b).map(|(a, _)| a)
+        {
             return Err(Error::new(format_args!(
-                "two scans are called {}; their folders would be the same, rename one",
-                pair[0]
+                "two scans are called {name}; their folders would be the same, rename one"
             )));
         }
         Ok(paths)
