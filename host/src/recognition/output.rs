@@ -172,7 +172,8 @@ impl Recognition {
             }
         );
         body += "<table class=\"measures\">\n<tr><th>probe</th>";
-        for rank in 1..=SHOWN {
+        let columns = self.probes.first().map_or(0, |ranking| ranking.gallery.len().min(SHOWN));
+        for rank in 1..=columns {
             let _ = write!(body, "<th>{rank}</th>");
         }
         body += "</tr>\n";
