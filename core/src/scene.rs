@@ -65,18 +65,8 @@ impl Pose {
 
     /// Turns the pose by a rotation vector `w` of the world, radians, about the object's origin.
     pub fn turn(&mut self, w: [f32; 3]) {
-        let angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
-        let angle = math::sqrt(angle2);
-        let (sin, cos) = math::sin_cos(angle);
-        let (a, b) = if angle > 1e-6 { (sin / angle, (1.0 - cos) / angle2) } else { (1.0, 0.5) };
-        // Rodrigues: e = cos·I + a·[w]× + b·w wᵀ.
-        let e = [
-            [cos + b * w[0] * w[0], b * w[0] * w[1] - a * w[2], b * w[0] * w[2] + a * w[1]],
-            [b * w[0] * w[1] + a * w[2], cos + b * w[1] * w[1], b * w[1] * w[2] - a * w[0]],
-            [b * w[0] * w[2] - a * w[1], b * w[1] * w[2] + a * w[0], cos + b * w[2] * w[2]],
-        ];
         let r = self.rotation();
-        let product = e.map(|row| {
+        let product = rotation_by(w).map(|row| {
             core::array::from_fn(|j| row[0] * r[0][j] + row[1] * r[1][j] + row[2] * r[2][j])
         });
         (self.roll, self.yaw, self.pitch) = Self::euler(&product);
@@ -90,6 +80,21 @@ impl Pose {
         let roll = math::atan2(r[1][0], r[0][0]);
         (roll, yaw, pitch)
     }
+}
+
+/// The row-major rotation of a rotation vector `w`, radians (Rodrigues):
+///
+/// `cos·I + a·[w]× + b·w wᵀ`, `a = sin |w|/|w|`, `b = (1 − cos |w|)/|w|²`.
+pub(crate) fn rotation_by(w: [f32; 3]) -> [[f32; 3]; 3] {
+    let angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    let angle = math::sqrt(angle2);
+    let (sin, cos) = math::sin_cos(angle);
+    let (a, b) = if angle > 1e-6 { (sin / angle, (1.0 - cos) / angle2) } else { (1.0, 0.5) };
+    [
+        [cos + b * w[0] * w[0], b * w[0] * w[1] - a * w[2], b * w[0] * w[2] + a * w[1]],
+        [b * w[0] * w[1] + a * w[2], cos + b * w[1] * w[1], b * w[1] * w[2] - a * w[0]],
+        [b * w[0] * w[2] - a * w[1], b * w[1] * w[2] + a * w[0], cos + b * w[2] * w[2]],
+    ]
 }
 
 /// Pinhole camera. Lengths share one unit (only ratios matter); the principal point is in

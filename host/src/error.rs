@@ -17,6 +17,13 @@ impl Error {
         Self(message.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
     }
 
+    /// What is wrong in a text of TOML, with the line.
+    #[cfg(feature = "full")]
+    pub(crate) fn toml(text: &str, fault: &toml::de::Error) -> Self {
+        let line = fault.span().map_or(1, |span| 1 + text[..span.start].matches('\n').count());
+        Self::new(format_args!("line {line}: {}", fault.message()))
+    }
+
     /// An error in a file: `path: message`.
     pub fn file(path: &Path, message: impl fmt::Display) -> Self {
         Self::new(format_args!("{}: {message}", path.display()))

@@ -1,4 +1,4 @@
-//! Reading text; writing files whole or not at all.
+//! Names of files; reading text; writing files whole or not at all.
 
 use crate::error::{Error, Result};
 use std::path::Path;
@@ -6,7 +6,42 @@ use std::path::Path;
 use std::{
     fs::File,
     io::{self, BufWriter, Write},
+    path::PathBuf,
 };
+
+/// Whether a file's name ends in one of these extensions, in capitals or not.
+#[cfg(feature = "full")]
+pub fn has_extension(path: &Path, among: &[&str]) -> bool {
+    path.extension().is_some_and(|e| among.iter().any(|a| e.eq_ignore_ascii_case(a)))
+}
+
+/// Files that are named, and those of directories that are: of these in the order of their names the
+/// ones with such an extension.
+///
+/// # Errors
+/// A directory that cannot be read or has none; `none` says what is missing, and the mend.
+#[cfg(feature = "full")]
+pub fn listed(places: &[PathBuf], among: &[&str], none: &str) -> Result<Vec<PathBuf>> {
+    let mut paths = Vec::new();
+    for place in places {
+        if !place.is_dir() {
+            paths.push(place.clone());
+            continue;
+        }
+        let before = paths.len();
+        for entry in std::fs::read_dir(place).map_err(|e| Error::file(place, e))? {
+            let path = entry.map_err(|e| Error::file(place, e))?.path();
+            if has_extension(&path, among) {
+                paths.push(path);
+            }
+        }
+        if paths.len() == before {
+            return Err(Error::file(place, none));
+        }
+        paths[before..].sort();
+    }
+    Ok(paths)
+}
 
 /// Reads a text of UTF-8, or of UTF-16 if a byte order mark says so; the mark is not part of it.
 ///

@@ -24,7 +24,7 @@ fn a_turned_scan_is_registered_where_it_lies() {
     fs::create_dir(at("scans")).unwrap();
     fs::write(at("scans/turned.ply"), &bytes).unwrap();
 
-    run("register face.3dmm scans/turned.ply -o one --uncertainty");
+    run("register face.3dmm scans/turned.ply -o one --uncertainty --unit 1 --up=y --front=z");
     let truth = &scan_truths(&fixtures()).unwrap()[7];
     let found = ply::read(&at("one/registered.ply")).unwrap();
     let squares = found.points.iter().zip(truth).map(|(p, t)| {
@@ -34,6 +34,8 @@ fn a_turned_scan_is_registered_where_it_lies() {
     let rms = (squares.sum::<f64>() / truth.len() as f64).sqrt();
     assert!(rms < 2.2, "{rms} mm from the truth");
     let numbers = json(&at("one/register.json"));
+    let command = "onescan register face.3dmm turned.ply -o DIR --uncertainty --unit 1 --front=z";
+    assert_eq!(numbers["command"], command);
     assert!(numbers["chamfer_mm"].as_f64().unwrap() < 1.0, "{numbers}");
     assert!(numbers["hausdorff_95_mm"].as_f64() <= numbers["hausdorff_mm"].as_f64());
     for name in ["registered.glb", "aligned.ply", "distances.ply", "uncertainty.ply", "report.html"]

@@ -253,8 +253,8 @@ pub struct Laplace {
     /// `1/patch · Σ ln h − E − ½ ln|A| − Σ ln sᵢ`
     ///
     /// of the density `h` of all pixels under the background, the mode's energy `E`, the precision `A` and
-    /// the prior standard deviations `sᵢ` of the coefficients; up to a constant that only the photos and the settings tell, so that models,
-    /// of whatever rank, may be compared on the same photos.
+    /// the prior standard deviations `sᵢ` of the coefficients; up to a constant that only the photos and
+    /// the settings tell, so that models, of whatever rank, may be compared on the same photos.
     pub ln_evidence: f64,
 }
 

@@ -1,12 +1,11 @@
 //! Colours of model and scan, more or less blurred, and the scan's albedo.
 
 use super::options::Level;
-use super::scan::{at, blur};
+use super::scan::{at, blur, slopes};
 use super::state::{Problem, Registration, TINT, quad};
 use crate::engine::Quad;
 use crate::least_squares::{Equations, System, matrix_words, system_words};
-use crate::math;
-use crate::search::vector::{add, cross, dot, scale, sub, xyz};
+use crate::search::vector::{add, scale, xyz};
 
 /// Standard deviation of a scan's tint: of offsets in units of colour, of gains as parts of the mean's.
 const TINT_SD: f32 = 0.3;
@@ -58,25 +57,14 @@ impl Registration<'_, '_> {
         let areas: &mut [f32] = bytemuck::try_cast_slice_mut(areas).unwrap_or_default();
         areas.fill(0.0);
         for corners in (0..).map_while(|t| model.triangles.get(t)) {
-            let [a, b, c] = corners.map(|v| xyz(quad(self.positions, v)));
-            let normal = cross(sub(b, a), sub(c, a));
-            let area = math::sqrt(dot(normal, normal));
-            if !(area > 0.0) {
-                continue;
-            }
-            // The slope of what is 1 at a corner and 0 at the others, times the area.
-            let hats =
-                [(b, c), (c, a), (a, b)].map(|(p, q)| scale(cross(normal, sub(q, p)), 1.0 / area));
-            let values = corners.map(|v| at(self.colors, v));
+            let points = corners.map(|v| xyz(quad(self.positions, v)));
+            let (slopes, area) = slopes(points, corners.map(|v| at(self.colors, v)));
             for v in corners {
                 let v = v as usize;
-                let (Some(to), Some(sum)) = (self.slopes.get_mut(v), areas.get_mut(v)) else {
-                    continue;
-                };
-                *sum += area;
-                for (channel, to) in to.iter_mut().enumerate() {
-                    for (hat, value) in hats.iter().zip(&values) {
-                        *to = add(*to, scale(*hat, value.get(channel).copied().unwrap_or(0.0)));
+                if let (Some(to), Some(sum)) = (self.slopes.get_mut(v), areas.get_mut(v)) {
+                    *sum += area;
+                    for (to, slope) in to.iter_mut().zip(slopes) {
+                        *to = add(*to, scale(slope, area));
                     }
                 }
             }

@@ -1,7 +1,8 @@
 //! Where a model is in the place of a scan.
 
 use crate::math;
-use crate::search::vector::{Vec3, add, apply, apply_transposed, cross, dot, scale, sub};
+use crate::scene::rotation_by;
+use crate::search::vector::{Vec3, add, apply, apply_transposed, dot, sub};
 
 /// Unknowns of a place: the logarithm of the size, a rotation vector, a translation.
 pub(super) const PLACE: usize = 7;
@@ -39,7 +40,7 @@ impl Place {
     /// Goes a step of the model in its own frame: `x` becomes `e^σ exp(ω) x + δ`.
     pub(super) fn advance(&mut self, [size, wx, wy, wz, x, y, z]: [f32; PLACE]) {
         self.translation = self.apply([x, y, z]);
-        let columns = transposed(rotation([wx, wy, wz]));
+        let columns = transposed(rotation_by([wx, wy, wz]));
         self.rotation = self.rotation.map(|row| columns.map(|column| dot(row, column)));
         self.size *= math::exp_f32(size);
     }
@@ -50,23 +51,10 @@ fn transposed(m: [Vec3; 3]) -> [Vec3; 3] {
     [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]]
 }
 
-/// The rotation of a rotation vector, row by row (Rodrigues).
-pub(super) fn rotation(w: Vec3) -> [Vec3; 3] {
-    let squared = dot(w, w);
-    let angle = math::sqrt(squared);
-    let (sin, cos) = math::sin_cos(angle);
-    // Near 0 the limits of sin x / x and (1 − cos x) / x².
-    let (s, c) = if angle > 1e-3 { (sin / angle, (1.0 - cos) / squared) } else { (1.0, 0.5) };
-    // Its columns are exp(ω) e = e + s ω × e + c ω × (ω × e).
-    transposed(Place::HOME.rotation.map(|e| {
-        let turned = cross(w, e);
-        add(add(e, scale(turned, s)), scale(cross(w, turned), c))
-    }))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::search::vector::{cross, scale};
 
     #[test]
     fn a_step_is_the_derivative_of_what_it_does() {

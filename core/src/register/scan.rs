@@ -119,17 +119,7 @@ impl<'a> Scan<'a> {
     /// How the three colours change with the place along a triangle, per mm: a vector each.
     pub(super) fn slopes(&self, colors: &[Vec3], triangle: u32) -> [Vec3; 3] {
         let corners = self.corners(triangle);
-        let [a, b, c] = corners.map(|v| self.point(v));
-        let normal = self.face(triangle);
-        let squared = dot(normal, normal);
-        // Nowhere 1 at one corner and 0 at the others but for triangles with an area.
-        let inverse = if squared > 0.0 { 1.0 / squared } else { 0.0 };
-        let hats = [(b, c), (c, a), (a, b)].map(|(p, q)| scale(cross(normal, sub(q, p)), inverse));
-        let values = corners.map(|v| at(colors, v));
-        [0, 1, 2].map(|channel| {
-            let [u, v, w] = values.map(|color| color[channel]);
-            add(add(scale(hats[0], u), scale(hats[1], v)), scale(hats[2], w))
-        })
+        slopes(corners.map(|v| self.point(v)), corners.map(|v| at(colors, v))).0
     }
 
     /// Fills `normals` with unit normals of the vertices, faces counted by their areas.
@@ -186,6 +176,21 @@ impl<'a> Scan<'a> {
             }
         }
     }
+}
+
+/// How three numbers change along a triangle with these corners and their values, a vector each (zero
+/// if it has no area); and twice its area.
+pub(super) fn slopes([a, b, c]: [Vec3; 3], values: [Vec3; 3]) -> ([Vec3; 3], f32) {
+    let normal = cross(sub(b, a), sub(c, a));
+    let squared = dot(normal, normal);
+    let inverse = if squared > 0.0 { 1.0 / squared } else { 0.0 };
+    // What is 1 at a corner and 0 at the others.
+    let hats = [(b, c), (c, a), (a, b)].map(|(p, q)| scale(cross(normal, sub(q, p)), inverse));
+    let slopes = [0, 1, 2].map(|channel| {
+        let [u, v, w] = values.map(|value| value[channel]);
+        add(add(scale(hats[0], u), scale(hats[1], v)), scale(hats[2], w))
+    });
+    (slopes, sqrt(squared))
 }
 
 /// A value at a vertex; zero if there is none.

@@ -1,8 +1,9 @@
 //! The pose to begin with: the mean moved rigidly onto the scan from several directions.
 
 use super::evidence::{FACING, Look};
-use super::place::{Place, rotation};
+use super::place::Place;
 use super::state::Registration;
+use crate::scene::rotation_by;
 use crate::search::vector::{Vec3, add, apply, dot, scale, sub, xyz};
 
 /// Steps of a start, and of the nearest once more.
@@ -23,7 +24,7 @@ impl Registration<'_, '_> {
     pub(super) fn try_start(&mut self, number: usize) -> [f32; 2] {
         let turn = |i: usize| TURNS.get(i % TURNS.len()).copied().unwrap_or_default();
         let count = TURNS.len();
-        self.place = self.centred(rotation([
+        self.place = self.centred(rotation_by([
             turn(number),
             turn(number / count),
             turn(number / count / count),

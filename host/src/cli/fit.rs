@@ -3,7 +3,7 @@
 use super::{file_name, output_directory};
 use clap::Args;
 use onescan::error::{Error, Result};
-use onescan::files::write_atomically;
+use onescan::files::{has_extension, write_atomically};
 use onescan::fit::checkpoint::Save;
 use onescan::fit::output::{self, Finished, Names, PhotoNames};
 use onescan::fit::summary::{ComponentFound, Summaries};
@@ -222,10 +222,7 @@ impl Fit {
     fn sort_out(&mut self) {
         let given = std::mem::take(&mut self.images);
         (self.more, self.images) = given.into_iter().partition(|path| is_model(path));
-        let is_photo = |path: &Path| {
-            let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-            ["png", "jpg", "jpeg"].iter().any(|e| extension == *e)
-        };
+        let is_photo = |path: &Path| has_extension(path, &["png", "jpg", "jpeg"]);
         if self.images.is_empty() {
             let given = std::mem::take(&mut self.landmarks);
             (self.images, self.landmarks) = given.into_iter().partition(|path| is_photo(path));
@@ -555,8 +552,7 @@ impl Fit {
 
 /// Whether a file's name is a model's, or a mixture's.
 fn is_model(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    ["3dmm", "h5", "hdf5", "json", "mat", "toml"].iter().any(|e| extension == *e)
+    has_extension(path, &["3dmm", "h5", "hdf5", "json", "mat", "toml"])
 }
 
 /// A photo and what goes with it.

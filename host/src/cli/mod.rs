@@ -20,6 +20,7 @@ mod scan;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
+use onescan::files::listed;
 use onescan::interchange::{self, Format};
 use onescan::mesh::Mesh;
 use onescan::mesh::ply;
@@ -157,24 +158,7 @@ fn positive(text: &str) -> std::result::Result<f64, String> {
 
 /// The meshes of files and directories (their `.ply` files by name), with their paths.
 fn meshes(places: &[PathBuf]) -> Result<Vec<(PathBuf, Mesh)>> {
-    let mut paths = Vec::new();
-    for place in places {
-        if !place.is_dir() {
-            paths.push(place.clone());
-            continue;
-        }
-        let before = paths.len();
-        for entry in std::fs::read_dir(place).map_err(|e| Error::file(place, e))? {
-            let path = entry.map_err(|e| Error::file(place, e))?.path();
-            if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ply")) {
-                paths.push(path);
-            }
-        }
-        if paths.len() == before {
-            return Err(Error::file(place, "has no .ply files; give meshes, or their directory"));
-        }
-        paths[before..].sort();
-    }
+    let paths = listed(places, &["ply"], "has no .ply files; give meshes, or their directory")?;
     paths.into_iter().map(|path| ply::read(&path).map(|mesh| (path, mesh))).collect()
 }
 

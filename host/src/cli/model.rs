@@ -3,8 +3,7 @@
 use super::{file_name, meshes, model_file, output_file, positive, read_model, write_model};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
-use onescan::files::read_text;
-use onescan::files::write_atomically;
+use onescan::files::{has_extension, read_text, write_atomically};
 use onescan::interchange::Format;
 use onescan::interchange::mixture::{Mixture, is_mixture};
 use onescan::mesh::landmarks::{self, Point};
@@ -398,7 +397,7 @@ impl Occlusion {
         }
         let mut model = read_model(console, &self.model)?;
         let byte = |share: f32| (255.0 * share).round() as u8;
-        let is_mesh = self.map.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply"));
+        let is_mesh = has_extension(&self.map, &["ply"]);
         let map: Vec<u8> = if is_mesh {
             let mesh = ply::read(&self.map)?;
             // Says if the topology differs.

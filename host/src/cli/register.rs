@@ -4,14 +4,14 @@ use super::scan::Reading;
 use super::{file_name, output_directory};
 use clap::Args;
 use onescan::error::{Error, Result};
-use onescan::files::write_atomically;
+use onescan::files::{listed, write_atomically};
 use onescan::interchange;
 use onescan::mesh::landmarks;
 use onescan::progress::{Console, Task};
 use onescan::registration::{self, Names, Options, Registration};
 use onescan_core::model::Model;
 use serde_json::json;
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -150,25 +150,8 @@ impl Register {
                 [] => Ok(Vec::new()),
             };
         }
-        let mut paths = Vec::new();
-        for place in &self.scans {
-            if !place.is_dir() {
-                paths.push(place.clone());
-                continue;
-            }
-            let before = paths.len();
-            for entry in std::fs::read_dir(place).map_err(|e| Error::file(place, e))? {
-                let path = entry.map_err(|e| Error::file(place, e))?.path();
-                let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-                if EXTENSIONS.iter().any(|e| extension == *e) {
-                    paths.push(path);
-                }
-            }
-            if paths.len() == before {
-                return Err(Error::file(place, "holds no scan; give PLY, OBJ, GLB, glTF or STL"));
-            }
-            paths[before..].sort();
-        }
+        let none = "holds no scan; give PLY, OBJ, GLB, glTF or STL";
+        let paths = listed(&self.scans, &EXTENSIONS, none)?;
         let mut names: Vec<String> = paths.iter().map(|path| folder(path)).collect();
         names.sort();
         if let Some((name, _)) = names.iter().zip(names.iter().skip(1)).find(|(a, b)| a == b) {
@@ -189,11 +172,11 @@ impl Register {
     ) -> Result<(String, serde_json::Value)> {
         let (mut scan, unit) = self.reading.read(path)?;
         scan.points.as_flattened_mut().iter_mut().for_each(|c| *c *= unit);
-        let marks = match marks {
+        let known = match marks {
             Some(file) => self.marks(model, file, unit)?,
             None => Vec::new(),
         };
-        let places: Vec<_> = marks.iter().map(|(_, at, vertex)| (*vertex, *at)).collect();
+        let places: Vec<_> = known.iter().map(|(_, at, vertex)| (*vertex, *at)).collect();
         let options = Options {
             albedo: !self.shape_only,
             landmark_sd: self.landmark_sd,
@@ -211,9 +194,9 @@ impl Register {
         let names = Names {
             model: file_name(&self.model),
             scan: file_name(path),
-            command: self.command(path),
+            command: self.command(path, marks.map(|file| &**file)),
         };
-        registration::write(directory, &found, &marks, &names)?;
+        registration::write(directory, &found, &known, &names)?;
         let measures = &found.measures;
         let line = format!(
             "{}: chamfer {:.2} mm, Hausdorff {:.1} mm ({:.1} mm at 95 %)",
@@ -259,18 +242,24 @@ impl Register {
     }
 
     /// The command that does the same for one scan.
-    fn command(&self, scan: &Path) -> String {
+    fn command(&self, scan: &Path, marks: Option<&Path>) -> String {
         let defaults = Options::default();
         let mut command =
             format!("onescan register {} {} -o DIR", file_name(&self.model), file_name(scan));
-        if self.shape_only {
-            command += " --shape-only";
-        }
-        if self.width.to_bits() != defaults.width.to_bits() {
-            // Writing to a string cannot fail.
-            let _ = write!(command, " --width {}", self.width);
-        }
-        command
+        let mut add = |option: &str, value: &dyn Display, differs: bool| {
+            if differs {
+                // Writing to a string cannot fail.
+                let _ = write!(command, " --{option}{value}");
+            }
+        };
+        add("shape-only", &"", self.shape_only);
+        let landmarks = marks.map(|path| format!(" {}", file_name(path))).unwrap_or_default();
+        add("landmarks", &landmarks, marks.is_some());
+        let sd = format!(" {}", self.landmark_sd);
+        add("landmark-sd", &sd, self.landmark_sd != defaults.landmark_sd);
+        add("width", &format!(" {}", self.width), self.width != defaults.width);
+        add("uncertainty", &"", self.uncertainty);
+        command + &self.reading.options()
     }
 }
 

@@ -3,6 +3,7 @@
 use super::{output_file, size};
 use clap::Args;
 use onescan::error::{Error, Result};
+use onescan::files::has_extension;
 use onescan::fit::rps::Rps;
 use onescan::fit::summary::{Summary, hex};
 use onescan::interchange;
@@ -52,7 +53,7 @@ impl Render {
         let model = file.view();
         let (yaw, pitch) = (self.yaw.to_radians(), self.pitch.to_radians());
         let fitted = if let Some(path) = &self.fit {
-            if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("rps")) {
+            if has_extension(path, &["rps"]) {
                 return Err(Error::file(path, "not fit.json; give an .rps to --rps"));
             }
             let summary = Summary::read(path)?;

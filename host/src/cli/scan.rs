@@ -1,9 +1,11 @@
 //! A scan on the command line: which file, and what the file does not say.
 
+use super::file_name;
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::mesh::Mesh;
 use onescan::scan::mesh_file::{self, Direction, Frame, Options};
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// A scan, and how to read it.
@@ -83,6 +85,26 @@ impl Scan {
 }
 
 impl Reading {
+    /// The options that say so, with a space before each.
+    pub(super) fn options(&self) -> String {
+        let mut text = String::new();
+        let mut add = |option: &str, value: Option<String>| {
+            if let Some(value) = value {
+                // Writing to a string cannot fail.
+                let _ = write!(text, " --{option}{value}");
+            }
+        };
+        add("unit", self.unit.map(|unit| format!(" {unit}")));
+        // With an equals sign, or a minus would begin another option.
+        add("up", (self.up.to_string() != "y").then(|| format!("={}", self.up)));
+        add("front", self.front.map(|front| format!("={front}")));
+        let bytes = self.colour.map(|color| color.map(|c| (255.0 * c).round().to_string()));
+        add("colour", bytes.map(|bytes| format!(" {}", bytes.join(","))));
+        add("texture", self.texture.as_deref().map(|path| format!(" {}", file_name(path))));
+        add("flip-v", self.flip_v.then(String::new));
+        text
+    }
+
     /// Which way the scan stands in its file.
     pub(super) fn frame(&self) -> Result<Frame> {
         Frame::new(self.up, self.front)

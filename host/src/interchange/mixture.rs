@@ -12,14 +12,14 @@
 
 use super::open;
 use crate::error::{Error, Result};
+use crate::files::{has_extension, read_text};
 use crate::model_file::OwnedModel;
-use serde::Deserialize;
-use std::fmt::Write as _;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Models and their weights.
 ///
-/// Guarantees: there is at least one, weights are positive and sum to 1, names differ.
+/// Guarantees: weights are positive and sum to 1, names differ.
 pub struct Mixture {
     /// The models, in the order they were given.
     pub components: Vec<Component>,
@@ -37,16 +37,16 @@ pub struct Component {
 
 /// Whether a file's name is that of a mixture.
 pub fn is_mixture(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+    has_extension(path, &["toml"])
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct File {
     component: Vec<Entry>,
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct Entry {
     model: PathBuf,
@@ -60,7 +60,7 @@ fn one() -> f64 {
 
 impl Mixture {
     /// Opens models and mixtures, each file as likely as any other, a mixture's models in the mixture's
-    /// proportions.
+    /// proportions. Of no paths it has no components.
     ///
     /// # Errors
     /// Files that cannot be read or are no models, a model twice.
@@ -91,46 +91,26 @@ impl Mixture {
         let whole = |path: &Path| path.canonicalize().map_err(|e| Error::file(path, e));
         let parent = place.parent().filter(|parent| *parent != Path::new(""));
         let directory = whole(parent.unwrap_or(Path::new(".")))?;
-        let mut text = String::new();
-        for (model, weight) in models.iter().zip(weights) {
+        let entry = |(model, weight): (&PathBuf, &f64)| {
             let path = whole(model)?;
-            let near = path.strip_prefix(&directory).unwrap_or(&path).to_string_lossy();
-            let near = toml_string(&near);
-            // Writing to a string cannot fail.
-            let _ = writeln!(text, "[[component]]\nmodel = {near}\nweight = {weight}\n");
-        }
-        Ok(text)
+            let near = path.strip_prefix(&directory).unwrap_or(&path).to_path_buf();
+            Ok(Entry { model: near, weight: *weight })
+        };
+        let component = models.iter().zip(weights).map(entry).collect::<Result<_>>()?;
+        toml::to_string(&File { component }).map_err(Error::new)
     }
-}
-
-/// A basic string of TOML.
-fn toml_string(text: &str) -> String {
-    let mut quoted = String::from("\"");
-    for c in text.chars() {
-        match c {
-            '"' | '\\' => quoted.extend(['\\', c]),
-            c if c.is_control() => {
-                let _ = write!(quoted, "\\u{:04x}", u32::from(c));
-            }
-            c => quoted.push(c),
-        }
-    }
-    quoted + "\""
 }
 
 /// Models and weights of a mixture's file; the weights sum to 1.
 fn entries(path: &Path) -> Result<Vec<(PathBuf, f64)>> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+    let text = read_text(path)?;
     let all = parse(&text).map_err(|e| Error::file(path, e))?;
     let directory = path.parent().unwrap_or(Path::new(""));
     Ok(all.into_iter().map(|(model, weight)| (directory.join(model), weight)).collect())
 }
 
 fn parse(text: &str) -> Result<Vec<(PathBuf, f64)>> {
-    let file: File = toml::from_str(text).map_err(|e| {
-        let line = e.span().map_or(1, |span| 1 + text[..span.start].matches('\n').count());
-        Error::new(format_args!("line {line}: {}", e.message()))
-    })?;
+    let file: File = toml::from_str(text).map_err(|e| Error::toml(text, &e))?;
     if file.component.is_empty() {
         return Err(Error::new("names no [[component]]; a mixture needs a model"));
     }
@@ -203,7 +183,8 @@ mod tests {
     #[test]
     fn strings_survive_toml() {
         let name = "a \"b\"\\\t.3dmm";
-        let text = format!("[[component]]\nmodel = {}", toml_string(name));
+        let component = vec![Entry { model: name.into(), weight: 1.0 }];
+        let text = toml::to_string(&File { component }).unwrap();
         assert_eq!(parse(&text).unwrap(), [(name.into(), 1.0)]);
     }
 }

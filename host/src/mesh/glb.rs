@@ -32,7 +32,9 @@ pub fn encode(mesh: &Mesh, name: &str) -> Result<Vec<u8>> {
     }
     let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| p.map(|x| x * METRE)).collect();
     let colors: Vec<[u16; 4]> = mesh.colors.iter().map(|&c| linear_rgba(c)).collect();
-    let normals = normals(&mesh.points, &mesh.triangles);
+    // Of unit length everywhere, as glTF wants it.
+    let whole = |n| if n == [0.0; 3] { [0.0, 0.0, 1.0] } else { n };
+    let normals: Vec<[f32; 3]> = mesh.normals().into_iter().map(whole).collect();
     let parts: [&[u8]; 4] = [
         bytemuck::cast_slice(&points),
         bytemuck::cast_slice(&normals),
@@ -107,32 +109,6 @@ fn container(text: &[u8], binary: &[u8]) -> Result<Vec<u8>> {
         out.extend_from_slice(chunk);
     }
     Ok(out)
-}
-
-/// Unit normal per vertex: the mean of the unit normals of its triangles, as the renderer has
-/// it; `+z` where there is none, since glTF wants unit length.
-fn normals(points: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<[f32; 3]> {
-    let mut sums = vec![[0.0_f32; 3]; points.len()];
-    for corners in triangles {
-        let [a, b, c] = corners.map(|i| points[i as usize]);
-        let (u, v): ([f32; 3], [f32; 3]) =
-            (std::array::from_fn(|i| b[i] - a[i]), std::array::from_fn(|i| c[i] - a[i]));
-        let cross =
-            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        let Some(normal) = unit(cross) else { continue };
-        for i in corners {
-            let sum = &mut sums[*i as usize];
-            *sum = std::array::from_fn(|k| sum[k] + normal[k]);
-        }
-    }
-    sums.into_iter().map(|sum| unit(sum).unwrap_or([0.0, 0.0, 1.0])).collect()
-}
-
-/// `v / |v|`; `None` where the length is zero or overflows.
-fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
-    let v = v.map(f64::from);
-    let length = math::sqrt_f64(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    (length > 0.0).then(|| v.map(|x| (x / length) as f32))
 }
 
 /// An sRGB colour as linear 16-bit RGBA.

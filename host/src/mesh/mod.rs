@@ -4,6 +4,7 @@ pub mod glb;
 pub mod landmarks;
 pub mod ply;
 
+use onescan_core::math;
 use std::collections::HashMap;
 use std::fmt;
 
@@ -22,25 +23,31 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Unit normals of the vertices, faces counted by their areas; zero where there is none.
+    /// Unit normals of the vertices: the mean of the unit normals of a vertex's triangles, as the renderer
+    /// has it; zero where there is none.
     pub fn normals(&self) -> Vec<[f32; 3]> {
-        let mut sums = vec![[0.0_f64; 3]; self.points.len()];
-        for triangle in &self.triangles {
-            let [a, b, c] = triangle.map(|v| self.points[v as usize].map(f64::from));
-            let (u, v): ([f64; 3], [f64; 3]) =
+        let mut sums = vec![[0.0_f32; 3]; self.points.len()];
+        for corners in &self.triangles {
+            let [a, b, c] = corners.map(|i| self.points[i as usize]);
+            let (u, v): ([f32; 3], [f32; 3]) =
                 (std::array::from_fn(|i| b[i] - a[i]), std::array::from_fn(|i| c[i] - a[i]));
-            for (i, (j, k)) in [(1, 2), (2, 0), (0, 1)].into_iter().enumerate() {
-                for &corner in triangle {
-                    sums[corner as usize][i] += u[j] * v[k] - u[k] * v[j];
-                }
+            let cross =
+                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let Some(normal) = unit(cross) else { continue };
+            for i in corners {
+                let sum = &mut sums[*i as usize];
+                *sum = std::array::from_fn(|k| sum[k] + normal[k]);
             }
         }
-        let unit = |sum: [f64; 3]| {
-            let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
-            sum.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 })
-        };
-        sums.into_iter().map(unit).collect()
+        sums.into_iter().map(|sum| unit(sum).unwrap_or_default()).collect()
     }
+}
+
+/// `v / |v|`; `None` where the length is zero or overflows.
+fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
+    let v = v.map(f64::from);
+    let length = math::sqrt_f64(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    (length > 0.0).then(|| v.map(|x| (x / length) as f32))
 }
 
 /// A coordinate axis; as a mirror it names the plane through the origin normal to it.

@@ -10,7 +10,7 @@
 
 use super::scores::Face;
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
+use crate::files::{has_extension, read_text, write_atomically};
 use crate::fit::landmarks::{check_sides, crop_around};
 use crate::fit::output::{Names, PhotoNames, summarize};
 use crate::fit::summary::{Summaries, Summary, hex};
@@ -83,10 +83,6 @@ pub struct Entry {
 const PHOTOS: [&str; 3] = ["jpg", "jpeg", "png"];
 const LANDMARKS: [&str; 2] = ["tlms", "pts"];
 
-fn has_extension(path: &Path, among: &[&str]) -> bool {
-    path.extension().is_some_and(|e| among.iter().any(|a| e.eq_ignore_ascii_case(a)))
-}
-
 impl Entry {
     /// The faces of a directory, sorted by name; or the one face that a path is, a photo or a fit.
     ///
@@ -153,7 +149,7 @@ impl Fits {
     /// # Errors
     /// A file that cannot be read or holds no fit.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::file(path, e))?;
+        let text = read_text(path)?;
         let fault = |e| Error::file(path, e);
         if path.file_name().is_some_and(|name| name == "fit.json") {
             return Ok(Self(vec![Summary::parse(&text).map_err(fault)?]));

@@ -291,10 +291,7 @@ impl Kernels {
     /// TOML that is malformed or has other keys; hyper-parameters and kernels that are no
     /// covariances.
     pub fn parse(text: &str, preset: &Preset, mirror: Option<Axis>) -> Result<Self> {
-        let file: File = toml::from_str(text).map_err(|e| {
-            let line = e.span().map_or(1, |span| text[..span.start].matches('\n').count() + 1);
-            Error::new(format_args!("line {line}: {}", e.message()))
-        })?;
+        let file: File = toml::from_str(text).map_err(|e| Error::toml(text, &e))?;
         let preset = match &file.preset {
             Some(name) => Preset::named(name).ok_or_else(|| unknown(name))?,
             None => preset,

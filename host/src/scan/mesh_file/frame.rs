@@ -1,6 +1,7 @@
 //! Which way a scan stands in its file, and the rotation that stands it up.
 
 use crate::error::{Error, Result};
+use std::fmt;
 use std::str::FromStr;
 
 /// An axis of the file, or its opposite.
@@ -19,6 +20,13 @@ impl Direction {
         let mut vector = [0.0; 3];
         vector[self.axis] = if self.negative { -1.0 } else { 1.0 };
         vector
+    }
+}
+
+impl fmt::Display for Direction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sign = if self.negative { "-" } else { "" };
+        write!(f, "{sign}{}", ["x", "y", "z"][self.axis])
     }
 }
 
