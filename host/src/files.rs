@@ -50,8 +50,10 @@ pub fn listed(places: &[PathBuf], among: &[&str], none: &str) -> Result<Vec<Path
 pub fn read_text(path: &Path) -> Result<String> {
     let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
     let units = |unit: fn([u8; 2]) -> u16| {
-        let units = bytes.as_chunks().0.iter().skip(1).map(|pair| unit(*pair));
-        char::decode_utf16(units).collect::<std::result::Result<String, _>>().ok()
+        let (pairs, rest) = bytes.as_chunks();
+        let units = pairs.iter().skip(1).map(|pair| unit(*pair));
+        let text = char::decode_utf16(units).collect::<std::result::Result<String, _>>();
+        text.ok().filter(|_| rest.is_empty())
     };
     let text = match &bytes[..] {
         [0xff, 0xfe, ..] => units(u16::from_le_bytes),
@@ -125,7 +127,7 @@ mod tests {
         assert_eq!(read(b"\xef\xbb\xbfa").unwrap(), "a");
         assert_eq!(read(b"\xff\xfea\0\xe9\0").unwrap(), "aé");
         assert_eq!(read(b"\xfe\xff\0a").unwrap(), "a");
-        for no_text in [&b"\x89PNG"[..], b"\xff\xfe\0\xd8"] {
+        for no_text in [&b"\x89PNG"[..], b"\xff\xfe\0\xd8", b"\xff\xfea\0b"] {
             let error = read(no_text).unwrap_err().to_string();
             assert!(error.ends_with("not a text; give a file of text, saved as UTF-8"), "{error}");
         }
