@@ -33,6 +33,8 @@ pub mod demo;
 pub mod error;
 #[cfg(feature = "full")]
 pub mod experiment;
+pub mod face_mesh;
+#[cfg(feature = "full")]
 pub mod files;
 pub mod fit;
 #[cfg(feature = "full")]

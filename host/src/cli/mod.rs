@@ -10,6 +10,7 @@ mod export;
 mod fit;
 mod info;
 mod inspect;
+mod landmarks;
 mod model;
 mod modes;
 mod recognise;
@@ -49,6 +50,7 @@ Examples:
   onescan build scan.ply -o face.3dmm --landmarks landmarks.json
   onescan inspect head.obj --unit cm --mend head.ply
   onescan sample face.3dmm -o samples -n 12
+  onescan landmarks photo.jpg --picture marked.png
   onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
   onescan recognise people photo.jpg --model face.3dmm -o who
   onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
@@ -90,6 +92,7 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     Experiment(experiment::Experiment),
     Render(render::Render),
+    Landmarks(landmarks::Landmarks),
     Fit(fit::Fit),
     Recognise(recognise::Recognise),
     Register(register::Register),
@@ -114,6 +117,7 @@ impl Arguments {
             Some(Command::Evaluate(command)) => command.run(console),
             Some(Command::Experiment(command)) => command.run(console),
             Some(Command::Render(command)) => command.run(console),
+            Some(Command::Landmarks(command)) => command.run(console),
             Some(Command::Fit(command)) => command.run(console),
             Some(Command::Recognise(command)) => command.run(console),
             Some(Command::Register(command)) => command.run(console),
