@@ -10,7 +10,6 @@ use std::{
 };
 
 /// Whether a file's name ends in one of these extensions, in capitals or not.
-#[cfg(feature = "full")]
 pub fn has_extension(path: &Path, among: &[&str]) -> bool {
     path.extension().is_some_and(|e| among.iter().any(|a| e.eq_ignore_ascii_case(a)))
 }

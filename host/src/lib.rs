@@ -34,7 +34,6 @@ pub mod error;
 #[cfg(feature = "full")]
 pub mod experiment;
 pub mod face_mesh;
-#[cfg(feature = "full")]
 pub mod files;
 pub mod fit;
 #[cfg(feature = "full")]

@@ -85,6 +85,11 @@ pub fn portrait(model: &Model<'_>, size: [u32; 2], yaw: f32, pitch: f32) -> Scen
     }
     let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * (low[i] + high[i]));
     let half = (0..3).map(|i| 0.5 * (high[i] - low[i])).fold(1e-3, f32::max);
+    centered(centre, half, size, [yaw, pitch])
+}
+
+/// The same of what lies about a point as far as `half`.
+pub fn centered(centre: [f32; 3], half: f32, size: [u32; 2], [yaw, pitch]: [f32; 2]) -> Scene {
     let mut scene = Scene::initial(size[0], size[1], 0, 0);
     scene.view.pose = Pose { yaw, pitch, ..Pose::AWAY_1M };
     // Ten half-sizes away, the reference engine's 7.5 mm lens sees 1.33 half-sizes each way.

@@ -77,7 +77,7 @@ pub fn write(place: &Path, photos: &Path) -> Result<()> {
     OwnedModel::from_bytes(&parts.to_bytes()?)?.write(&place.join("face.3dmm"))?;
 
     let photo = photo::read(&photos.join("astronaut.png"))?;
-    let marks = Tlms::read(&photos.join("astronaut.tlms"))?;
+    let marks = Tlms::read(&photos.join("astronaut.tlms"), [512; 2])?;
     let size = [photo.width, photo.height];
     let crop = Crop::around(&marks.visible_points(), size, Crop::ENLARGE, Crop::LONGER_SIDE)?;
     let observed = Observed::new(&photo, &marks, &crop)?;

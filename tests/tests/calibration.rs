@@ -115,9 +115,10 @@ fn rough<'a>(directory: &Path, people: &'a [Identity], count: usize) -> Vec<Case
     let case = |(person, yaw): (usize, u32)| {
         let name = name(person, yaw);
         let path = directory.join(&name).with_extension("jpg");
-        let (photo, landmarks) =
-            (photo::read(&path).unwrap(), Tlms::read(&path.with_extension("tlms")).unwrap());
-        let (size, points) = ([photo.width, photo.height], landmarks.visible_points());
+        let photo = photo::read(&path).unwrap();
+        let size = [photo.width, photo.height];
+        let landmarks = Tlms::read(&path.with_extension("tlms"), size).unwrap();
+        let points = landmarks.visible_points();
         let crop = Crop::around(&points, size, Crop::ENLARGE, Crop::LONGER_SIDE).unwrap();
         let yaw = truth.as_ref().and_then(|t| t[&name]["rotation"][2][0].as_f64());
         let yaw = yaw.map(|sine| (-sine).asin());

@@ -36,7 +36,7 @@ fn inputs_are_made_when_asked_for() {
     fs::create_dir_all(&place).unwrap();
     exported.model.write(&place.join("face.3dmm")).unwrap();
 
-    let landmarks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
+    let landmarks = Tlms::read(&fixtures().join("photos/astronaut.tlms"), [512; 2]).unwrap();
     let photo = photo::read(&fixtures().join("photos/astronaut.png")).unwrap();
     let size = [photo.width, photo.height];
     for (name, side) in [("photo", SIDE), ("half", HALF_SIDE)] {

@@ -182,7 +182,7 @@ fn a_fit_searches_for_the_mode_with_all_components() {
 #[test]
 fn what_a_mask_hides_is_no_face() {
     let place = tempdir().unwrap();
-    let marks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
+    let marks = Tlms::read(&fixtures().join("photos/astronaut.tlms"), [512; 2]).unwrap();
     let lips = marks.landmarks.iter().filter(|l| l.id.contains("lips"));
     let lips: Vec<[u32; 2]> = lips.map(|l| [l.x as u32, l.y as u32]).collect();
     let near = |x: u32, y: u32| lips.iter().any(|&[u, v]| u.abs_diff(x) < 9 && v.abs_diff(y) < 9);
@@ -248,7 +248,7 @@ fn a_larger_picture_gives_the_same_face() {
 #[test]
 fn a_wall_is_no_face() {
     let place = tempdir().unwrap();
-    let mut marks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
+    let mut marks = Tlms::read(&fixtures().join("photos/astronaut.tlms"), [512; 2]).unwrap();
     for l in &mut marks.landmarks {
         // Of the photo at a third of its size: beside the face.
         (l.x, l.y) = (l.x / 3.0, l.y / 3.0);
@@ -280,7 +280,7 @@ fn a_photo_upside_down_is_a_photo() {
     let mut photo = photo::read(&fixtures().join("photos/astronaut.png")).unwrap();
     photo.rgb.reverse();
     photo.write_png(&place.path().join("down.png")).unwrap();
-    let mut marks = Tlms::read(&fixtures().join("photos/astronaut.tlms")).unwrap();
+    let mut marks = Tlms::read(&fixtures().join("photos/astronaut.tlms"), [512; 2]).unwrap();
     for l in &mut marks.landmarks {
         (l.x, l.y) = (511.0 - l.x, 511.0 - l.y);
     }

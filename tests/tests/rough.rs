@@ -173,7 +173,8 @@ fn parameters(model: &Model<'_>, paths: &[&Path]) -> (Vec<f32>, Vec<f32>) {
         .iter()
         .map(|path| {
             let picture = photo::read(path).unwrap();
-            (picture, Tlms::read(&path.with_extension("tlms")).unwrap())
+            let size = [picture.width, picture.height];
+            (picture, Tlms::read(&path.with_extension("tlms"), size).unwrap())
         })
         .collect();
     let schedule = Schedule::Mode;

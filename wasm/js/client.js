@@ -8,7 +8,7 @@
 /** @typedef {{ [K in keyof Methods]: (...args: Parameters<Methods[K]>) => Promise<Awaited<ReturnType<Methods[K]>>> }} Remote */
 
 const METHODS = /** @type {const} */ ([
-  'open', 'photo', 'addPhoto', 'removePhoto', 'watch', 'fit', 'pause', 'resume', 'cancel', 'fitFiles', 'draw', 'drawMean', 'png', 'locate', 'set',
+  'open', 'photo', 'addPhoto', 'removePhoto', 'faces', 'watch', 'fit', 'pause', 'resume', 'cancel', 'fitFiles', 'draw', 'drawMean', 'png', 'locate', 'set',
   'random', 'mean', 'fitted', 'light', 'files',
 ]);
 

@@ -4,11 +4,13 @@
  * In a page, a fit belongs into a worker: see `connect()` in client.js, which has the same names.
  */
 
+import { beside } from './files.js';
 import init, { Fit as Search, Model, Photo, Viewer } from './wasm/onescan_wasm.js';
 
 export { Model, Photo, Viewer };
 
 /** @typedef {{ name: string, x: number, y: number, visible?: boolean }} Landmark Pixels of the photo; pixel (x, y) is the point (x, y). */
+/** @typedef {import('./faces.js').Face} Face */
 /** @typedef {string | Landmark[]} Landmarks Of a photo; a string is the text of a `.tlms` file. */
 /** @typedef {{ photo: Photo, landmarks: Landmarks } | { photo: Photo[], landmarks: Landmarks[] }} Shown A photo, or 2 to 8 of one person, each with its landmarks. */
 /** @typedef {{ landmarkSd?: number, shapeRank?: number, albedoRank?: number, size?: number, pixelPatch?: number }} Settings As the options of `onescan fit --schedule mode`; ranks are the model's by default. */
@@ -23,16 +25,8 @@ export { Model, Photo, Viewer };
  * @param {BufferSource | WebAssembly.Module | URL} [source] Where onescan_wasm_bg.wasm is; beside this file by default.
  */
 export async function create(source) {
-  await init({ module_or_path: source ?? (await beside()) });
+  await init({ module_or_path: source ?? beside(new URL('./wasm/onescan_wasm_bg.wasm', import.meta.url)) });
   return new Onescan();
-}
-
-/** The program's bytes or address: Node's fetch knows no files. */
-async function beside() {
-  const url = new URL('./wasm/onescan_wasm_bg.wasm', import.meta.url);
-  if (url.protocol !== 'file:') return url;
-  const { readFile } = await import('node:fs/promises');
-  return new Uint8Array(await readFile(url));
 }
 
 /** What `create()` gives. */
@@ -68,6 +62,12 @@ export class Onescan {
   /** The levels of every fit, coarse to fine. @returns {Level[]} */
   get levels() {
     return levels();
+  }
+
+  /** What finds faces and their landmarks: loads another program and its networks, 1.5 MB. */
+  async detector() {
+    const { load } = await import('./faces.js');
+    return load();
   }
 
   /**

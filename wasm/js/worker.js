@@ -30,6 +30,8 @@ let fit;
 let fitted;
 /** @type {import('./onescan.js').Viewer | undefined} */
 let viewer;
+/** @type {Promise<import('./faces.js').Detector> | undefined} */
+let detector;
 
 /**
  * What is needed, or a message.
@@ -104,6 +106,17 @@ const methods = {
   removePhoto(at) {
     for (const old of photos.splice(at, 1)) old.free();
     watched = 0;
+  },
+
+  /** The faces of a photo, the largest first. @param {number} at Its number. */
+  async faces(at) {
+    const onescan = await program;
+    detector ??= onescan.detector();
+    const found = await detector.catch((error) => {
+      detector = undefined; // The next call tries again.
+      throw error;
+    });
+    return found.faces(need(photos[at], 'such photo'));
   },
 
   /** Of several photos, which is seen while a fit runs. @param {number} at Its number. */

@@ -87,6 +87,8 @@ function refresh() {
   const left = missing();
   const placing = hasPhoto && idle && left.length > 0;
   button('detect').disabled = !hasPhoto || !idle || !isFace(names);
+  button('next-face').hidden = (shot?.faces?.length ?? 0) < 2;
+  button('next-face').disabled = !idle;
   button('clear').disabled = !hasPhoto || !idle || editor.points.length + (shot?.skipped.size ?? 0) === 0;
   const ready = hasPhoto && !shots.some(lacking);
   button('fit').disabled = !model || !idle || !ready;
@@ -340,27 +342,39 @@ async function findLandmarks() {
   }
   state.detecting = true;
   refresh();
-  say('Looking for the face. The first time, this loads 10 MB.');
+  say('Looking for the face.');
   try {
-    const { detect } = await import('./detect.js');
     const { shot } = state;
     if (!shot) return;
-    const found = await detect(shot.picture);
+    shot.faces = await client.faces(position());
     // A photo dropped meanwhile is looked at by itself.
     if (shot !== state.shot) return;
-    if (!found) {
+    if (shot.faces.length === 0) {
       say('No face was found. Set the landmarks by hand: click where each is in the photo.');
       return;
     }
-    shot.skipped.clear();
-    setLandmarks(found.map(({ name, x, y }) => editor.fromPicture(name, x, y)));
-    say('Found them. Drag what is wrong (eyebrows under glasses, say), then press Fit.');
+    takeFace(shot, 0);
   } finally {
     state.detecting = false;
   }
 }
 
+/** Takes one of the faces found. @param {Shot} shot @param {number} number */
+function takeFace(shot, number) {
+  const { faces = [] } = shot;
+  const known = new Set(wanted(state.model?.landmarks ?? []));
+  shot.face = number;
+  shot.skipped.clear();
+  setLandmarks(faces[number].landmarks.filter(({ name }) => known.has(name)).map((point) => editor.inside(point)));
+  const one = 'Found them. Drag what is wrong (eyebrows under glasses, say), then press Fit.';
+  say(faces.length > 1 ? `Found ${faces.length} faces; this is face ${number + 1}, by size. Choose another below, or press Fit.` : one);
+}
+
 on('detect', findLandmarks);
+on('next-face', () => {
+  const { shot } = state;
+  if (shot?.faces) takeFace(shot, ((shot.face ?? 0) + 1) % shot.faces.length);
+});
 on('clear', () => {
   if (state.shot) startOver(state.shot);
   say('Set the landmarks: click where each is in the photo, or let them be found.');

@@ -5,7 +5,7 @@ import { spoken } from './landmarks.js';
 
 /** @typedef {{ name: string, x: number, y: number }} Point */
 /** @typedef {{ pictures: import('../js/worker.js').LivePictures, crop: number[] }} Overlay The face over a part of a photo. */
-/** @typedef {import('../js/worker.js').PhotoFacts & { name: string, points: Point[], skipped: Set<string>, overlay?: Overlay }} Shot A photo with its landmarks, those that the user says cannot be seen, and what has been fitted to it. */
+/** @typedef {import('../js/worker.js').PhotoFacts & { name: string, points: Point[], skipped: Set<string>, faces?: import('../js/faces.js').Face[], face?: number, overlay?: Overlay }} Shot A photo with its landmarks, those that the user says cannot be seen, the faces found and which is taken, and what has been fitted to it. */
 
 const SVG = 'http://www.w3.org/2000/svg';
 /** How much of the stage the face takes when shown large. */
@@ -46,15 +46,9 @@ export class Editor extends EventTarget {
     return this.#photo?.points ?? [];
   }
 
-  /**
-   * A landmark found in the picture that is shown, as a point of the photo.
-   * @param {string} name
-   * @param {number} x
-   * @param {number} y
-   */
-  fromPicture(name, x, y) {
-    const scale = this.#photo ? this.#photo.width / this.#photo.picture.width : 1;
-    return { name, ...this.#inside((x + 0.5) * scale - 0.5, (y + 0.5) * scale - 0.5) };
+  /** A landmark, moved into the photo if it is not. @param {Point} point */
+  inside({ name, x, y }) {
+    return { name, ...this.#inside(x, y) };
   }
 
   /** @param {Point[]} points */

@@ -281,11 +281,12 @@ fn finished(
     if images.len() != jobs.len() {
         return Err(Error::new("finish() wants a name for each photo"));
     }
-    let named = |image| PhotoNames { image, landmarks: String::new(), mask: None };
-    let mut names = Names { model, given: None, photos: images.into_iter().map(named).collect() };
+    let named = |image| PhotoNames { image, landmarks: None, mask: None };
+    let photos = images.into_iter().map(named).collect();
+    let mut names = Names { model, given: None, face: 1, photos };
     let folders: Vec<_> = (0..jobs.len()).map(|photo| names.folder(photo)).collect();
     for (photo, folder) in names.photos.iter_mut().zip(&folders) {
-        photo.landmarks = format!("{folder}.tlms");
+        photo.landmarks = Some(format!("{folder}.tlms"));
     }
     let mut files = Vec::new();
     let mut add = |name: String, bytes| files.push(File { name, bytes });

@@ -126,6 +126,11 @@ impl Photo {
         self.0.height
     }
 
+    /// RGB bytes of all pixels, row by row.
+    pub fn rgb(&self) -> Vec<u8> {
+        self.0.rgb.as_flattened().to_vec()
+    }
+
     /// The photo, shrunk if a side is longer than `limit`.
     pub fn shown(&self, limit: u32) -> Pixels {
         let longer = self.0.width.max(self.0.height);

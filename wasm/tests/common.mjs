@@ -30,9 +30,9 @@ export const model = () => gunzipSync(readFileSync(join(DIST, 'face.3dmm.gz')));
 /** The file of a photo's landmarks. */
 export const marks = (photo) => photo.replace(/\.\w+$/, '.tlms');
 
-/** `fit.json` of the native program's fit of the page's model, a file, to a sample. */
-export function native(modelFile, photo, options = []) {
-  const out = fitted(modelFile, `native-${photo}`, [join(PHOTOS, photo)], options);
+/** `fit.json` of the native program's fit of the page's model, a file, to a sample; `found`: to landmarks that it finds. */
+export function native(modelFile, photo, options = [], found = false) {
+  const out = fitted(modelFile, `native-${photo}`, [join(PHOTOS, photo)], options, found);
   return JSON.parse(readFileSync(join(out, 'fit.json'), 'utf8'));
 }
 
@@ -44,10 +44,11 @@ export function nativePair(modelFile, options = []) {
   return new Map(names.map((entry) => [path(entry), readFileSync(join(entry.parentPath, entry.name))]));
 }
 
-function fitted(modelFile, name, photos, options) {
+function fitted(modelFile, name, photos, options, found = false) {
   const out = join(OUT, name);
   rmSync(out, { recursive: true, force: true });
-  const fit = ['--quiet', 'fit', modelFile, ...photos, '--landmarks', ...photos.map(marks), '-o', out];
+  const landmarks = found ? [] : ['--landmarks', ...photos.map(marks)];
+  const fit = ['--quiet', 'fit', modelFile, ...photos, ...landmarks, '-o', out];
   // All components: what JavaScript takes by default.
   fit.push('--schedule', 'mode', '--shape-rank', '200', '--albedo-rank', '200');
   execFileSync(ONESCAN, [...fit, ...options], { stdio: 'inherit' });
@@ -66,10 +67,6 @@ export async function open() {
       '--disable-background-networking',
       '--use-fake-device-for-media-stream',
       '--use-fake-ui-for-media-stream',
-      // The face mesh wants WebGL, which machines without a GPU have from this.
-      '--use-gl=angle',
-      '--use-angle=swiftshader',
-      '--enable-unsafe-swiftshader',
     ],
   });
   const close = async () => {

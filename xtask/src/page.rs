@@ -12,16 +12,6 @@ use std::path::{Path, PathBuf};
 
 const TARGET: &str = "wasm32-unknown-unknown";
 
-/// Files of the face mesh that a browser of today loads.
-const FACE_MESH: &[&str] = &[
-    "face_mesh.js",
-    "face_mesh.binarypb",
-    "face_mesh_solution_packed_assets_loader.js",
-    "face_mesh_solution_packed_assets.data",
-    "face_mesh_solution_simd_wasm_bin.js",
-    "face_mesh_solution_simd_wasm_bin.wasm",
-];
-
 /// `cargo xtask wasm`.
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     no_arguments(arguments)?;
@@ -91,12 +81,10 @@ fn build() -> Outcome {
     for name in ["LICENSE-MIT", "LICENSE-APACHE"] {
         copy(&root().join(name), name)?;
     }
-    let face_mesh = wasm.join("node_modules/@mediapipe/face_mesh");
-    for name in FACE_MESH {
-        copy(&face_mesh.join(name), &format!("page/vendor/face_mesh/{name}"))?;
+    for file in files(&root().join("fixtures/face_mesh"))? {
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        copy(&file, &format!("js/face_mesh/{name}"))?;
     }
-    // The package says Apache-2.0 but carries no text of it.
-    copy(&root().join("LICENSE-APACHE"), "page/vendor/face_mesh/LICENSE")?;
     fs::write(dist.join("LICENSES.txt"), licences()?).map_err(|e| fault(&dist, &e))?;
     for photo in ["astronaut.png", "grace_hopper.jpg", "obama.jpg"] {
         let landmarks = Path::new(photo).with_extension("tlms");
@@ -106,9 +94,12 @@ fn build() -> Outcome {
         }
     }
     let made = target().join("page/program");
-    program(&made)?;
-    for name in ["onescan_wasm.d.ts", "onescan_wasm_bg.wasm", "onescan_wasm_bg.wasm.d.ts"] {
-        copy(&made.join(name), &format!("js/wasm/{name}"))?;
+    for program in &PROGRAMS {
+        program.build(&made)?;
+        for end in [".d.ts", "_bg.wasm", "_bg.wasm.d.ts"] {
+            let name = format!("{}{end}", program.name);
+            copy(&made.join(&name), &format!("js/wasm/{name}"))?;
+        }
     }
     // Checked, declared, and then without the comments, which are a quarter of the scripts.
     let compiler = wasm.join("node_modules/.bin/tsc");
@@ -116,8 +107,10 @@ fn build() -> Outcome {
         sh(&mut command(&compiler, ["--project", &format!("wasm/{configuration}")]))?;
     }
     let plain = ["--allowJs", "--removeComments", "--target", "es2022", "--module", "es2022"];
-    let (from, to) = (made.join("onescan_wasm.js"), dist.join("js/wasm"));
-    sh(command(&compiler, plain).arg(from).arg("--outDir").arg(to))?;
+    for Program { name, .. } in &PROGRAMS {
+        let (from, to) = (made.join(format!("{name}.js")), dist.join("js/wasm"));
+        sh(command(&compiler, plain).arg(from).arg("--outDir").arg(to))?;
+    }
     fs::write(dist.join("face.3dmm.gz"), model()?).map_err(|e| fault(&dist, &e))?;
     println!("the page is in {}", dist.display());
     Ok(())
@@ -134,8 +127,8 @@ fn licences() -> Result<String, String> {
     crates.dedup();
     Ok(format!(
         "onescan and this page: MIT (LICENSE-MIT) or Apache-2.0 (LICENSE-APACHE), at your option.\n\n\
-         Landmarks are found by @mediapipe/face_mesh, Google: Apache-2.0\n\
-         (page/vendor/face_mesh/LICENSE).\n\n\
+         Landmarks are found by two networks of MediaPipe, Google: Apache-2.0\n\
+         (js/face_mesh/LICENSE).\n\n\
          The face model is made from a scan that is in the public domain (CC0). The sample photos\n\
          are by NASA, the US Navy and the White House: in the public domain.\n\n\
          The program contains these Rust crates:\n{}\n",
@@ -157,24 +150,40 @@ fn packages(wasm: &Path) -> Outcome {
     fs::copy(&lock, &done).map(|_| ()).map_err(|e| fault(&done, &e))
 }
 
-/// The module and its glue.
-fn program(place: &Path) -> Outcome {
-    let crate_ = root().join("wasm");
-    let module = Cross {
-        target: TARGET,
-        crate_: &crate_,
-        arguments: &["build", "--profile", "web"],
-        std: "std,panic_abort",
-        flags: "-C target-feature=+simd128",
-        debian_flags: "-C linker=wasm-ld-19",
-    };
-    let built = target().join("wasm/simd128");
-    module.build(&built)?;
-    let module = built.join(TARGET).join("web/onescan_wasm.wasm");
-    let tool = target().join("bindgen");
-    let build = ["build", "--quiet", "--target-dir"];
-    sh(cargo(build).arg(&tool).current_dir(crate_.join("bindgen")))?;
-    sh(command(tool.join("debug/onescan-bindgen"), [module]).arg(place))
+/// A module for the browser.
+struct Program {
+    name: &'static str,
+    folder: &'static str,
+    profile: &'static str,
+}
+
+/// The fit, and what finds faces.
+const PROGRAMS: [Program; 2] = [
+    Program { name: "onescan_wasm", folder: "wasm", profile: "web" },
+    Program { name: "onescan_faces", folder: "wasm/faces", profile: "faces" },
+];
+
+impl Program {
+    /// Makes the module and its glue.
+    fn build(&self, place: &Path) -> Outcome {
+        let &Self { name, folder, profile } = self;
+        let crate_ = root().join(folder);
+        let module = Cross {
+            target: TARGET,
+            crate_: &crate_,
+            arguments: &["build", "--profile", profile],
+            std: "std,panic_abort",
+            flags: "-C target-feature=+simd128",
+            debian_flags: "-C linker=wasm-ld-19",
+        };
+        let built = target().join("wasm/simd128");
+        module.build(&built)?;
+        let module = built.join(TARGET).join(profile).join(format!("{name}.wasm"));
+        let tool = target().join("bindgen");
+        let build = ["build", "--quiet", "--target-dir"];
+        sh(cargo(build).arg(&tool).current_dir(root().join("wasm/bindgen")))?;
+        sh(command(tool.join("debug/onescan-bindgen"), [module]).arg(place))
+    }
 }
 
 /// The page's model, compressed.

@@ -87,8 +87,9 @@ impl Demo {
             else {
                 return Err(Error::new("the fit was stopped"));
             };
-            let photo = PhotoNames { image: subject.file.into(), landmarks: tlms, mask: None };
-            let names = Names { model: "face.3dmm".into(), given: None, photos: vec![photo] };
+            let photo = PhotoNames { image: subject.file.into(), landmarks: Some(tlms), mask: None };
+            let names =
+                Names { model: "face.3dmm".into(), given: None, face: 1, photos: vec![photo] };
             let result = output::finish(&job, &fit, &names, 0)?;
             output::write(&directory, &result)?;
             console.say(output::closing_line(&result.summary));

@@ -3,6 +3,7 @@
 use super::{file_name, output_directory};
 use clap::Args;
 use onescan::error::{Error, Result};
+use onescan::face_mesh::Marked;
 use onescan::files::{has_extension, write_atomically};
 use onescan::fit::checkpoint::Save;
 use onescan::fit::output::{self, Finished, Names, PhotoNames};
@@ -26,7 +27,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Fit a model to a photo with landmarks, or to several photos of one person.
+/// Fit a model to a photo, or to several photos of one person.
+///
+/// Landmarks say where the face is. It finds them itself (as `onescan landmarks` does), or takes those
+/// of --landmarks. Of several faces in a photo the largest is fitted, or another by --face.
 ///
 /// Searches for the mode of the posterior of pose, camera, light, colour, shape and albedo: some
 /// thirty steps on everything at once, each with a mask of what hides the face. Or, with --schedule
@@ -36,17 +40,17 @@ use std::time::Duration;
 /// landmarks.png, mesh.ply and mesh.glb, fit.json and fit.rps (all parameters); of a search mask.png
 /// (white: the face is seen) and behind.png (the model behind what hides it) as well.
 ///
-/// Of several photos (2 to 8, with as many landmark files, in the same order) it finds one face, and
+/// Of several photos (2 to 8; with --landmarks as many files, in the same order) it finds one face, and
 /// each photo's pose, camera and light: more views show more of the shape. Each photo's files then go
 /// to a folder named like it; report.html, summary.json and the meshes stand beside.
 ///
-/// Example: onescan fit face.3dmm a.jpg b.jpg --landmarks a.tlms b.tlms -o out
+/// Example: onescan fit face.3dmm a.jpg b.jpg -o out
 ///
 /// Of several models, or of a mixture of them (.toml, see `onescan model mix`), each is fitted, and the
 /// likeliest given the photo is kept: by the marginal likelihood in Laplace's approximation. fit.json
 /// and the report say how likely each is; components.json holds the numbers of all fits.
 ///
-/// Example: onescan fit anna.3dmm ben.3dmm photo.jpg --landmarks photo.tlms -o out
+/// Example: onescan fit anna.3dmm ben.3dmm photo.jpg -o out
 ///
 /// With --posterior N it samples the posterior around that, and writes to the output directory
 /// posterior.h5 (all states), mean.ply and mean.glb (the posterior's mean face), uncertainty.ply,
@@ -54,7 +58,8 @@ use std::time::Duration;
 /// parameter's 90 % interval and whether the chains have mixed.
 ///
 /// Landmarks are in pixels of the photo, y down, left the subject's left. Those far from where the
-/// fit has them are named; a search bears a wrong one or two.
+/// fit has them are named; a search bears a wrong one or two. Those it found itself are written to
+/// landmarks.tlms: move what is off (landmarks.png shows it), and give that file to --landmarks.
 ///
 /// Ctrl-C on a chain saves a checkpoint there; --resume goes on from it, with the same result as
 /// without the interruption. A search takes seconds and is made again.
@@ -68,10 +73,13 @@ pub(super) struct Fit {
     /// The models after the first.
     #[arg(skip)]
     more: Vec<PathBuf>,
-    /// Landmarks in the photo: .tlms (lines of `name visible x y`), or .pts (68 points); a file per
-    /// photo.
-    #[arg(long, required = true, num_args = 1..)]
+    /// Landmarks in the photo: .tlms (lines of `name visible x y`), .pts (68 points, or dlib's 5), or
+    /// .json (MediaPipe's face mesh); a file per photo [default: found].
+    #[arg(long, num_args = 1..)]
     landmarks: Vec<PathBuf>,
+    /// Which face to fit, by size in the photo: 1 is the largest [default: 1].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "landmarks")]
+    face: Option<u32>,
     /// Directory to write to.
     #[arg(short, long)]
     output: PathBuf,
@@ -200,12 +208,18 @@ impl Fit {
         }
         output_directory(&self.output)?;
         let mixture = Mixture::open(&[&[self.model.clone()], &self.more[..]].concat())?;
+        let photos = (0..self.images.len())
+            .map(|i| self.read(i, console))
+            .collect::<Result<Vec<_>>>()?;
+        let looks = |model: &Model<'_>| {
+            let look = |(i, read)| self.look(model, i, read);
+            photos.iter().enumerate().map(look).collect::<Result<Vec<_>>>()
+        };
         let [component] = &mixture.components[..] else {
-            return self.run_mixture(&mixture, console);
+            return self.run_mixture(&mixture, &looks, console);
         };
         let model = component.model.view();
-        let looks =
-            (0..self.images.len()).map(|i| self.look(&model, i)).collect::<Result<Vec<_>>>()?;
+        let looks = looks(&model)?;
         let jobs: Vec<_> = looks.iter().map(|look| self.job(&model, look)).collect();
         let stop = stop_on_signals()?;
         if let Some(draws) = self.posterior {
@@ -248,7 +262,7 @@ impl Fit {
                 "{photos} photo(s) and {found} {what} file(s); name one per photo, in the same order"
             )))
         };
-        if self.landmarks.len() != photos {
+        if !self.landmarks.is_empty() && self.landmarks.len() != photos {
             return wrong("--landmarks", self.landmarks.len());
         }
         if !self.mask.is_empty() && self.mask.len() != photos {
@@ -257,11 +271,24 @@ impl Fit {
         Ok(())
     }
 
-    /// Reads a photo and what goes with it.
-    fn look(&self, model: &Model<'_>, number: usize) -> Result<Look> {
-        let (image, path) = (&self.images[number], &self.landmarks[number]);
+    /// Reads a photo and what goes with it, but for what a model makes of it.
+    fn read(&self, number: usize, console: Console) -> Result<(Picture, Marked)> {
+        let (image, file) = (&self.images[number], self.landmarks.get(number));
         let photo = photo::read(image)?;
-        let mut landmarks = Tlms::read(path)?;
+        let face = self.face.unwrap_or(1) as usize;
+        let marked = Marked::read(file.map(PathBuf::as_path), &photo, face);
+        // What is wrong with a file names it.
+        let marked = marked.map_err(|e| if file.is_none() { Error::file(image, e) } else { e })?;
+        if let Some(note) = &marked.note {
+            console.say(Error::file(image, note));
+        }
+        Ok((photo, marked))
+    }
+
+    /// Checks a photo and its landmarks against a model.
+    fn look(&self, model: &Model<'_>, number: usize, read: &(Picture, Marked)) -> Result<Look> {
+        let (photo, marked) = (read.0.clone(), &read.1);
+        let path = self.landmarks.get(number).unwrap_or(&self.images[number]);
         let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
         if names.is_empty() {
             return Err(Error::file(
@@ -269,9 +296,7 @@ impl Fit {
                 "has no landmarks, so nothing says where it is in a photo; build it with --landmarks",
             ));
         }
-        if Tlms::is_pts(path) {
-            landmarks.keep(&names);
-        }
+        let landmarks = marked.known(&names).map_err(|e| Error::file(path, e))?;
         landmarks.check(photo.width, photo.height, &names).map_err(|e| Error::file(path, e))?;
         let mask = self.mask.get(number).map(|path| read_mask(path, &photo)).transpose()?;
         let crop = self
@@ -331,7 +356,12 @@ impl Fit {
     }
 
     /// Fits every component of a mixture, and keeps the likeliest.
-    fn run_mixture(&self, mixture: &Mixture, console: Console) -> Result<()> {
+    fn run_mixture(
+        &self,
+        mixture: &Mixture,
+        look: &dyn Fn(&Model<'_>) -> Result<Vec<Look>>,
+        console: Console,
+    ) -> Result<()> {
         if self.schedule != Schedule::Mode {
             return Err(Error::new(
                 "several models are for --schedule mode; a chain tells no evidence to choose by",
@@ -345,9 +375,8 @@ impl Fit {
         let models: Vec<_> = mixture.components.iter().map(|c| c.model.view()).collect();
         let mut looks = Vec::new();
         for (model, component) in models.iter().zip(&mixture.components) {
-            let look = |i| self.look(model, i);
-            let own = (0..self.images.len()).map(look).collect::<Result<Vec<_>>>();
-            looks.push(own.map_err(|e| Error::new(format_args!("{}: {e}", component.name)))?);
+            let named = |e| Error::new(format_args!("{}: {e}", component.name));
+            looks.push(look(model).map_err(named)?);
         }
         // All look at the same pixels, or their evidence could not be compared.
         let crops: Vec<_> = looks[0].iter().map(|look| look.crop).collect();
@@ -487,20 +516,21 @@ impl Fit {
             write_atomically(&self.output.join(name), |out| out.write_all(&bytes))?;
         }
         if let Some(first) = results.first() {
-            output::clear(&self.output, &first.summary, false)?;
+            output::clear(&self.output, &first.summary, false, false)?;
         }
         self.write_report(&page, console)
     }
 
     fn names(&self) -> Names {
-        let photos = self.images.iter().zip(&self.landmarks).enumerate();
+        let photos = self.images.iter().enumerate();
         Names {
             model: file_name(&self.model),
             given: None,
+            face: self.face.unwrap_or(1),
             photos: photos
-                .map(|(i, (image, landmarks))| PhotoNames {
+                .map(|(i, image)| PhotoNames {
                     image: file_name(image),
-                    landmarks: file_name(landmarks),
+                    landmarks: self.landmarks.get(i).map(|path| file_name(path)),
                     mask: self.mask.get(i).map(|path| file_name(path)),
                 })
                 .collect(),

@@ -6,23 +6,22 @@ use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::interchange::mixture::Mixture;
-use onescan::photo::picture::Picture;
-use onescan::photo::tlms::Tlms;
-use onescan::photo::{self, Crop};
+use onescan::photo;
 use onescan::progress::Console;
 use onescan::recognition::fits::{Entry, Fits, Source};
 use onescan::recognition::output::{Candidate, Ranking, Recognition, Told};
 use onescan::recognition::scores::{Face, Score};
 use rayon::prelude::*;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 /// Say who is in photos: which faces of a gallery are the most alike.
 ///
 /// The gallery is a directory; the probes are directories, or single ones of what these hold: photos
-/// with landmarks beside (NAME.jpg and NAME.tlms), which are fitted first by --model, or fits of
-/// before (NAME/fit.json, as `onescan fit -o GALLERY/NAME` leaves them). Faces are compared by the
+/// (NAME.jpg), which are fitted first by --model, or fits of before (NAME/fit.json, as `onescan fit
+/// -o GALLERY/NAME` leaves them). Landmarks of photos are found, or read if they are beside (NAME.tlms);
+/// of several faces in a photo the largest counts. Faces are compared by the
 /// coefficients that fits found, so all must be of one model, or of one mixture: of a mixture the
 /// component counts by which two faces are the most alike.
 ///
@@ -61,7 +60,7 @@ pub(super) struct Recognise {
 /// A face, whatever it came from.
 struct Known {
     name: String,
-    photo: Option<(PathBuf, PathBuf)>,
+    photo: Option<PathBuf>,
     fits: Fits,
     faces: Vec<Face>,
 }
@@ -125,8 +124,8 @@ impl Recognise {
                 let directory = self.output.join("fits").join(folder);
                 output_directory(&directory)?;
                 let path = directory.join(format!("{}.json", entry.name));
-                let made = Fits::make_or_read(mixture, (photo, landmarks), &path, stop)?;
-                (made, Some((photo.clone(), landmarks.clone())))
+                let shown = (photo.as_path(), landmarks.as_deref());
+                (Fits::make_or_read(mixture, shown, &path, stop)?, Some(photo.clone()))
             }
         };
         let name = entry.name.clone();
@@ -184,8 +183,8 @@ impl Recognise {
     ) -> Result<()> {
         let picture = |probe: bool, name: &str| {
             let all = if probe { probes } else { gallery };
-            let (photo, landmarks) = all.iter().find(|k| k.name == name)?.photo.as_ref()?;
-            face(photo, landmarks)
+            let known = all.iter().find(|known| known.name == name)?;
+            known.fits.crop()?.cut(&photo::read(known.photo.as_ref()?).ok()?).ok()
         };
         let page = recognition.page(picture)?;
         for (name, text) in [
@@ -204,14 +203,6 @@ impl Recognise {
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
-}
-
-/// The face cut out of a photo.
-fn face(photo: &Path, landmarks: &Path) -> Option<Picture> {
-    let (picture, points) = (photo::read(photo).ok()?, Tlms::read(landmarks).ok()?);
-    let size = [picture.width, picture.height];
-    let crop = Crop::around(&points.visible_points(), size, Crop::ENLARGE, 240).ok()?;
-    crop.cut(&picture).ok()
 }
 
 /// Refuses two of one name.

@@ -16,6 +16,8 @@ const TOLD: usize = 16;
 const SCORE: f32 = 0.5;
 /// Boxes that share more of their union than this are of one face.
 const SAME: f32 = 0.3;
+/// Points whose mean a network sees, across, at the most.
+const MOST_POINTS: u16 = 6;
 /// What the mesh sees is this many times as large as the box.
 const AROUND: f32 = 1.5;
 
@@ -38,7 +40,8 @@ impl Square {
     }
 
     /// What is seen there, `[row][column][channel]`, linear between pixels, times and plus the numbers of
-    /// `scale`; beyond the picture it is as at the rim, or black.
+    /// `scale`; beyond the picture it is as at the rim, or black. Of a picture that is much finer the mean
+    /// over some points counts.
     fn sample(&self, picture: &Picture, size: usize, rim: bool, scale: [f32; 2]) -> Vec<f32> {
         let [width, height] = [picture.width, picture.height].map(|side| side as f32);
         let pixel = |x: f32, y: f32| {
@@ -47,20 +50,31 @@ impl Square {
             let color = picture.pixel(x as u32, y as u32).filter(|_| inside || rim);
             color.unwrap_or_default().map(f32::from)
         };
+        let at = |x: f32, y: f32| {
+            let [left, top] = [x.floor(), y.floor()];
+            let [u, v] = [x - left, y - top];
+            let [a, b] = [pixel(left, top), pixel(left + 1.0, top)];
+            let [c, d] = [pixel(left, top + 1.0), pixel(left + 1.0, top + 1.0)];
+            std::array::from_fn::<f32, 3, _>(|k| {
+                let above = a[k] * (1.0 - u) + b[k] * u;
+                let below = c[k] * (1.0 - u) + d[k] * u;
+                above * (1.0 - v) + below * v
+            })
+        };
+        let points = ((self.side / size as f32) as u16).clamp(1, MOST_POINTS);
+        let inner = |i: u16| (f32::from(i) + 0.5) / f32::from(points) - 0.5;
         let mut seen = Vec::with_capacity(3 * size * size);
-        for row in 0..size {
-            for column in 0..size {
-                let [x, y] = self.place([column, row].map(|i| i as f32 / size as f32 - 0.5));
-                let [left, top] = [x.floor(), y.floor()];
-                let [u, v] = [x - left, y - top];
-                let [a, b] = [pixel(left, top), pixel(left + 1.0, top)];
-                let [c, d] = [pixel(left, top + 1.0), pixel(left + 1.0, top + 1.0)];
-                for k in 0..3 {
-                    let above = a[k] * (1.0 - u) + b[k] * u;
-                    let below = c[k] * (1.0 - u) + d[k] * u;
-                    seen.push((above * (1.0 - v) + below * v) * scale[0] + scale[1]);
+        for (row, column) in (0..size).flat_map(|row| (0..size).map(move |column| (row, column))) {
+            let mut sum = [0.0; 3];
+            for (i, j) in (0..points).flat_map(|i| (0..points).map(move |j| (i, j))) {
+                let within = [column as f32 + inner(j), row as f32 + inner(i)];
+                let [x, y] = self.place(within.map(|i| i / size as f32 - 0.5));
+                for (sum, value) in sum.iter_mut().zip(at(x, y)) {
+                    *sum += value;
                 }
             }
+            let count = f32::from(points * points);
+            seen.extend(sum.map(|sum| sum / count * scale[0] + scale[1]));
         }
         seen
     }

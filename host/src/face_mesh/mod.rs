@@ -4,16 +4,21 @@
 //! goes through the core's mathematics.
 
 mod detect;
-mod names;
 mod network;
+#[cfg(feature = "full")]
+pub mod scan;
 mod tflite;
 
 use crate::error::{Error, Result};
 use crate::photo::picture::Picture;
-use crate::photo::tlms::{Landmark2, Tlms};
+#[cfg(feature = "full")]
+use crate::photo::tlms::MIN_VISIBLE;
+use crate::photo::tlms::Tlms;
 use detect::{Found, Square, detect};
 use network::Network;
 use std::f32::consts::{FRAC_PI_2, PI};
+#[cfg(feature = "full")]
+use std::{path::Path, sync::LazyLock};
 
 /// Parts of a photo of fewer pixels across are not searched: their faces are too small to fit.
 const SMALLEST_PART: f32 = 192.0;
@@ -41,8 +46,7 @@ pub struct Face {
 impl Face {
     /// Its landmarks by our names.
     pub fn landmarks(&self) -> Tlms {
-        let landmark = |(id, [x, y]): (String, [f32; 2])| Landmark2 { id, visible: true, x, y };
-        Tlms { landmarks: names::places(&self.points).into_iter().map(landmark).collect() }
+        Tlms::of_mesh(&self.points)
     }
 }
 
@@ -71,11 +75,13 @@ impl Detector {
     /// # Panics
     /// Never: that they are whole is tested.
     #[cfg(feature = "full")]
-    pub fn embedded() -> Self {
+    pub fn embedded() -> &'static Self {
         const DETECTOR: &[u8] =
             include_bytes!("../../../fixtures/face_mesh/face_detection_short_range.tflite");
         const MESH: &[u8] = include_bytes!("../../../fixtures/face_mesh/face_landmark.tflite");
-        Self::new(DETECTOR, MESH).expect("the networks are whole")
+        static EMBEDDED: LazyLock<Detector> =
+            LazyLock::new(|| Detector::new(DETECTOR, MESH).expect("the networks are whole"));
+        &EMBEDDED
     }
 
     /// The faces of a photo, the largest first.
@@ -129,10 +135,208 @@ impl Detector {
     }
 }
 
+/// Landmarks of a photo, of a file or found.
+#[cfg(feature = "full")]
+#[derive(Clone, Debug)]
+pub struct Marked {
+    /// The landmarks.
+    pub landmarks: Tlms,
+    /// Whether they were found.
+    pub found: bool,
+    /// Of several faces, which one this is.
+    pub note: Option<String>,
+    /// Whether a model need not know all of their names.
+    some: bool,
+}
+
+#[cfg(feature = "full")]
+impl Marked {
+    /// Reads the landmarks of a photo, or finds those of its face of this number by size, from 1.
+    ///
+    /// # Errors
+    /// Those of [`Tlms::read`], which name the file; no face, or no face of that number.
+    pub fn read(file: Option<&Path>, photo: &Picture, number: usize) -> Result<Self> {
+        if let Some(file) = file {
+            let landmarks = Tlms::read(file, [photo.width, photo.height])?;
+            let some = Tlms::is_numbered(file);
+            return Ok(Self { landmarks, found: false, note: None, some });
+        }
+        let faces = Detector::embedded().faces(photo);
+        if faces.is_empty() {
+            return Err(Error::new(
+                "no face found; mark its landmarks yourself (docs/landmarks.md) and name the file by \
+                 --landmarks",
+            ));
+        }
+        let name = |(i, face): (usize, &Face)| {
+            let [x, y] = face.center.map(f32::round);
+            format!("{} at ({x}, {y}), {} pixels", i + 1, face.size.round())
+        };
+        let all = faces.iter().enumerate().map(name).collect::<Vec<_>>().join("; ");
+        let index = number.wrapping_sub(1);
+        let Some(face) = faces.get(index) else {
+            let what = if faces.len() == 1 { "the only one is" } else { "there are only" };
+            return Err(Error::new(format_args!("no face {number}; {what} {all}")));
+        };
+        let note = (faces.len() > 1)
+            .then(|| format!("face {number} of {} (another by --face): {all}", faces.len()));
+        Ok(Self { landmarks: face.landmarks(), found: true, note, some: true })
+    }
+
+    /// Those that a model with landmarks of these names has a use for.
+    ///
+    /// # Errors
+    /// Found ones, of which the model knows less than it needs.
+    pub fn known(&self, names: &[&str]) -> Result<Tlms> {
+        let mut known = self.landmarks.clone();
+        if self.some {
+            known.keep(names);
+        }
+        if self.found && known.landmarks.len() < MIN_VISIBLE {
+            return Err(Error::new(
+                "the model's landmarks are no face's, so that they cannot be found; mark them in the \
+                 photo and name the file by --landmarks",
+            ));
+        }
+        Ok(known)
+    }
+}
+
 /// Centres of parts that cover a length and overlap by half or more.
 fn centers(length: f32, side: f32) -> impl Iterator<Item = f32> {
     let steps = (2.0 * (length - side) / side).ceil().max(0.0);
     let first = if steps == 0.0 { 0.5 * length } else { 0.5 * side };
     let step = if steps == 0.0 { 0.0 } else { (length - side) / steps };
     (0..=steps as u32).map(move |i| first + step * i as f32)
+}
+
+#[cfg(all(test, feature = "full"))]
+mod tests {
+    use super::*;
+    use crate::photo;
+    use onescan_core::rng::Rng;
+    use std::path::PathBuf;
+
+    fn fixture(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures").join(name)
+    }
+
+    fn photo(name: &str) -> Picture {
+        photo::read(&fixture("photos").join(name)).unwrap()
+    }
+
+    /// Distances of landmarks from where they are, as parts of the distance of the eyes (their outer
+    /// corners), in rising order.
+    fn errors(found: &Tlms, truth: &Tlms) -> Vec<f32> {
+        let named = |name: &str| truth.landmarks.iter().find(|l| l.id == name);
+        let apart = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        let [right, left] = ["right", "left"]
+            .map(|side| named(&format!("{side}.eye.corner_outer")).map(|l| [l.x, l.y]).unwrap());
+        let error = |l: &crate::photo::tlms::Landmark2| {
+            let truth = named(&l.id)?;
+            Some(apart([l.x, l.y], [truth.x, truth.y]) / apart(right, left))
+        };
+        let mut errors: Vec<f32> = found.landmarks.iter().filter_map(error).collect();
+        errors.sort_by(f32::total_cmp);
+        errors
+    }
+
+    #[test]
+    fn landmarks_are_near_those_set_by_hand() {
+        for name in ["astronaut.png", "grace_hopper.jpg", "obama.jpg"] {
+            let picture = photo(name);
+            let file = fixture("photos").join(name).with_extension("tlms");
+            let truth = Tlms::read(&file, [picture.width, picture.height]).unwrap();
+            let faces = Detector::embedded().faces(&picture);
+            assert_eq!(faces.len(), 1, "{name}");
+            let errors = errors(&faces[0].landmarks(), &truth);
+            let median = errors[errors.len() / 2];
+            println!("{name}: median {median}, most {:?}", errors.last());
+            assert!(median < 0.03, "{name}: {median}");
+            assert!(errors.iter().all(|&error| error < 0.12), "{name}: {errors:?}");
+        }
+    }
+
+    #[test]
+    fn a_photo_on_its_side_has_a_face_as_well() {
+        let upright = photo("astronaut.png");
+        let Picture { width, height, .. } = upright;
+        let turned = Picture::from_fn(height, width, |x, y| {
+            upright.pixel(width - 1 - y, x).unwrap_or_default()
+        });
+        let [a, b] = [&upright, &turned].map(|p| Detector::embedded().faces(p).remove(0));
+        let apart = a.points.iter().zip(&b.points).map(|([x, y], turned)| {
+            let expected = [*y, (width - 1) as f32 - x];
+            (expected[0] - turned[0]).hypot(expected[1] - turned[1]) / a.size
+        });
+        let apart: Vec<f32> = apart.collect();
+        let mean = apart.iter().sum::<f32>() / apart.len() as f32;
+        assert!(mean < 0.05 && apart.iter().all(|&x| x < 0.1), "mean {mean}");
+    }
+
+    #[test]
+    fn faces_come_by_size_and_are_chosen_by_number() {
+        let (large, small) = (photo("astronaut.png"), photo("grace_hopper.jpg").resized(256, 300));
+        let both = Picture::from_fn(800, 512, |x, y| {
+            let of_small = || small.pixel(x.wrapping_sub(520), y);
+            large.pixel(x, y).or_else(of_small).unwrap_or_default()
+        });
+        let faces = Detector::embedded().faces(&both);
+        let [first, second] = &faces[..] else { panic!("{} faces", faces.len()) };
+        assert!(first.size > second.size && first.center[0] < 512.0 && second.center[0] > 520.0);
+        let marked = Marked::read(None, &both, 2).unwrap();
+        assert_eq!(marked.landmarks, second.landmarks());
+        assert!(marked.note.unwrap().starts_with("face 2 of 2 (another by --face): 1 at ("));
+        let error = Marked::read(None, &both, 3).unwrap_err().to_string();
+        assert!(error.starts_with("no face 3; there are only 1 at ("), "{error}");
+    }
+
+    #[test]
+    fn a_small_face_in_a_large_photo_is_found_by_its_parts() {
+        let small = photo("astronaut.png").resized(400, 400);
+        let far = Picture::from_fn(1600, 1200, |x, y| {
+            small.pixel(x.wrapping_sub(1200), y.wrapping_sub(700)).unwrap_or([90, 110, 120])
+        });
+        let [face] = &Detector::embedded().faces(&far)[..] else { panic!("one face") };
+        let [x, y] = face.center;
+        assert!((1350.0..1400.0).contains(&x) && (760.0..820.0).contains(&y), "{x} {y}");
+    }
+
+    #[test]
+    fn where_there_is_no_face_none_is_found() {
+        let mut rng = Rng::new(3, 0);
+        let noise: Vec<[u8; 3]> =
+            (0..400 * 300).map(|_| std::array::from_fn(|_| rng.normal_sd(60.0).abs() as u8)).collect();
+        let noise = Picture { width: 400, height: 300, rgb: noise };
+        assert!(Detector::embedded().faces(&noise).is_empty());
+        assert!(Detector::embedded().faces(&Picture::filled(1, 1, [0; 3])).is_empty());
+        let error = Marked::read(None, &noise, 1).unwrap_err().to_string();
+        assert!(error.starts_with("no face found; mark its landmarks yourself"), "{error}");
+    }
+
+    #[test]
+    fn damaged_networks_are_refused_or_run() {
+        let [detector, mesh] = ["face_detection_short_range", "face_landmark"]
+            .map(|name| std::fs::read(fixture("face_mesh").join(name).with_extension("tflite")).unwrap());
+        let error = Detector::new(&mesh, &detector).unwrap_err().to_string();
+        assert_eq!(error, "face_detection_short_range.tflite: another network");
+        assert!(Detector::new(&detector[..detector.len() / 2], &mesh).is_err());
+        assert!(Detector::new(b"TFL3TFL3", &mesh).is_err());
+        let tables: Vec<usize> = (0..detector.len()).filter(|i| i % 4 == 0).collect();
+        let mut rng = Rng::new(4, 0);
+        let mut refused = 0;
+        for _ in 0..400 {
+            let mut damaged = detector.clone();
+            // Most of a file are weights; what says where things are stands at the end.
+            for _ in 0..1 + rng.below(4) {
+                let at = tables[tables.len() - 1 - rng.below(6000) as usize];
+                damaged[at + rng.below(4) as usize] = rng.below(256) as u8;
+            }
+            match Detector::new(&damaged, &mesh) {
+                Ok(detector) => drop(detector.faces(&Picture::filled(40, 30, [128; 3]))),
+                Err(_) => refused += 1,
+            }
+        }
+        assert!((50..390).contains(&refused), "{refused} of 400 were refused");
+    }
 }

@@ -124,7 +124,7 @@ struct Step {
 
 /// A network.
 #[derive(Debug)]
-pub struct Network {
+pub(super) struct Network {
     shapes: Vec<Shape>,
     steps: Vec<Step>,
     input: usize,
@@ -206,18 +206,18 @@ impl Network {
     }
 
     /// Rows, columns and channels of the input.
-    pub fn input_shape(&self) -> [usize; 3] {
+    pub(super) fn input_shape(&self) -> [usize; 3] {
         self.shapes[self.input]
     }
 
     /// Numbers of each output.
-    pub fn output_lengths(&self) -> Vec<usize> {
+    pub(super) fn output_lengths(&self) -> Vec<usize> {
         self.outputs.iter().map(|&at| len(self.shapes[at])).collect()
     }
 
     /// The outputs for an input `[row][column][channel]`, which is cut or filled up with zeros if it is of
     /// another length.
-    pub fn run(&self, mut input: Vec<f32>) -> Vec<Vec<f32>> {
+    pub(super) fn run(&self, mut input: Vec<f32>) -> Vec<Vec<f32>> {
         input.resize(len(self.input_shape()), 0.0);
         let mut values = vec![Vec::new(); self.shapes.len()];
         values[self.input] = input;
@@ -536,4 +536,159 @@ fn max_pool(picture: &[f32], [from, to]: [Shape; 2], window: &Window) -> Vec<f32
         }
     }
     made
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use onescan_core::rng::Rng;
+
+    fn constant(shape: [usize; 4], rng: &mut Rng) -> Tensor {
+        let count = shape.iter().product();
+        let floats = Some((0..count).map(|_| rng.normal() as f32).collect());
+        Tensor { shape, rank: 4, floats, ints: Vec::new() }
+    }
+
+    fn picture([rows, columns, channels]: Shape) -> Tensor {
+        Tensor { shape: [1, rows, columns, channels], rank: 4, floats: None, ints: Vec::new() }
+    }
+
+    /// A network of one layer.
+    fn single(kind: Kind, from: Shape, to: Shape, constants: Vec<Tensor>) -> Result<Network, Fault> {
+        let count = constants.len();
+        let tensors = [vec![picture(from), picture(to)], constants].concat();
+        let inputs = std::iter::once(0).chain(2..2 + count).collect();
+        Network::new(tensors, vec![Node { kind, inputs, output: 1 }], 0, vec![1])
+    }
+
+    /// A convolution by its definition, in double precision; pictures are 0 beyond their rims.
+    fn by_definition(
+        picture: &[f32],
+        [from, to]: [Shape; 2],
+        (weights, bias): (&Tensor, &Tensor),
+        strides: [usize; 2],
+        depthwise: bool,
+    ) -> Vec<f64> {
+        let [_, rows, columns, _] = weights.shape;
+        let (weights, bias) = (weights.floats.as_ref().unwrap(), bias.floats.as_ref().unwrap());
+        let before = |axis: usize, size: usize| {
+            ((to[axis] - 1) * strides[axis] + size).saturating_sub(from[axis]) / 2
+        };
+        let at = |y: usize, x: usize, c: usize| {
+            let [y, x] = [y.wrapping_sub(before(0, rows)), x.wrapping_sub(before(1, columns))];
+            let inside = y < from[0] && x < from[1];
+            if inside { f64::from(picture[(y * from[1] + x) * from[2] + c]) } else { 0.0 }
+        };
+        let mut made = Vec::new();
+        for i in 0..len(to) {
+            let [y, x, o] = [i / to[2] / to[1], i / to[2] % to[1], i % to[2]];
+            let mut sum = f64::from(bias[o]);
+            for (tap, c) in (0..rows * columns).flat_map(|tap| (0..from[2]).map(move |c| (tap, c))) {
+                let value = at(y * strides[0] + tap / columns, x * strides[1] + tap % columns, c);
+                let weight = match depthwise {
+                    true if c == o => weights[tap * from[2] + c],
+                    true => 0.0,
+                    false => weights[(o * rows * columns + tap) * from[2] + c],
+                };
+                sum += value * f64::from(weight);
+            }
+            made.push(sum);
+        }
+        made
+    }
+
+    #[test]
+    fn convolutions_are_what_they_are_by_definition() {
+        let mut rng = Rng::new(5, 0);
+        for (from, to, window, strides, padding) in [
+            ([7, 9, 3], [7, 9, 10], [3, 3], [1, 1], Padding::Same),
+            ([7, 9, 3], [4, 5, 16], [5, 5], [2, 2], Padding::Same),
+            ([8, 8, 2], [4, 4, 5], [3, 3], [2, 2], Padding::Same),
+            ([6, 6, 8], [1, 1, 9], [6, 6], [1, 1], Padding::Valid),
+            ([5, 4, 6], [5, 4, 6], [1, 1], [1, 1], Padding::Same),
+        ] {
+            let input: Vec<f32> = (0..len(from)).map(|_| rng.normal() as f32).collect();
+            for depthwise in [false, true] {
+                let to = if depthwise { [to[0], to[1], from[2]] } else { to };
+                let first = if depthwise { 1 } else { to[2] };
+                let weights = constant([first, window[0], window[1], from[2]], &mut rng);
+                let bias = constant([1, 1, 1, to[2]], &mut rng);
+                let kind = match depthwise {
+                    true => Kind::Depthwise { padding, strides },
+                    false => Kind::Convolution { padding, strides },
+                };
+                let expected =
+                    by_definition(&input, [from, to], (&weights, &bias), strides, depthwise);
+                let network = single(kind, from, to, vec![weights, bias]).unwrap();
+                let made = &network.run(input.clone())[0];
+                assert_eq!(made.len(), expected.len());
+                for (made, expected) in made.iter().zip(expected) {
+                    assert!((f64::from(*made) - expected).abs() < 1e-4, "{made} {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn other_layers_do_what_they_say() {
+        let run = |kind, from, to, constants, input: &[f32]| {
+            single(kind, from, to, constants).unwrap().run(input.to_vec()).remove(0)
+        };
+        let slopes = Tensor { floats: Some(vec![0.5, 2.0]), ..picture([1, 1, 2]) };
+        let input = [1.0, -2.0, -3.0, 4.0];
+        assert_eq!(
+            run(Kind::Prelu, [1, 2, 2], [1, 2, 2], vec![slopes], &input),
+            [1.0, -4.0, -1.5, 4.0]
+        );
+        assert_eq!(run(Kind::Relu, [1, 2, 2], [1, 2, 2], vec![], &input), [1.0, 0.0, 0.0, 4.0]);
+        let pool = Kind::MaxPool { padding: Padding::Same, strides: [2, 2], window: [2, 2] };
+        let three = [1.0, 5.0, -3.0, 2.0, 0.0, -1.0, -7.0, -8.0, -9.0];
+        assert_eq!(run(pool, [3, 3, 1], [2, 2, 1], vec![], &three), [5.0, -1.0, -7.0, -9.0]);
+        let around =
+            Tensor { ints: vec![0, 0, 0, 1, 1, 0, 0, 1], floats: None, ..picture([1, 4, 2]) };
+        assert_eq!(
+            run(Kind::Pad, [1, 1, 2], [2, 2, 3], vec![around], &[1.0, 2.0]),
+            [0.0, 0.0, 0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        );
+    }
+
+    #[test]
+    fn sums_and_concatenations_take_two() {
+        let node = |kind, inputs: &[usize], output| Node { kind, inputs: inputs.to_vec(), output };
+        let tensors = vec![picture([1, 2, 1]), picture([1, 2, 1]), picture([1, 2, 1]), picture([4, 1, 1])];
+        // x, its rectified, their sum, and both one behind the other.
+        let nodes = vec![
+            node(Kind::Relu, &[0], 1),
+            node(Kind::Add, &[0, 1], 2),
+            node(Kind::Concatenation { axis: 1 }, &[2, 1], 3),
+        ];
+        let network = Network::new(tensors, nodes, 0, vec![3]).unwrap();
+        assert_eq!(network.run(vec![-1.0, 3.0]), [[-1.0, 6.0, 0.0, 3.0]]);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let mut rng = Rng::new(5, 1);
+        let convolution = Kind::Convolution { padding: Padding::Same, strides: [1, 1] };
+        let mut parts = || (constant([4, 3, 3, 2], &mut rng), constant([1, 1, 1, 4], &mut rng));
+        let mut refused = |kind, from, to, change: fn(&mut Tensor)| {
+            let (mut weights, bias) = parts();
+            change(&mut weights);
+            single(kind, from, to, vec![weights, bias]).is_err()
+        };
+        let good = |_: &mut Tensor| {};
+        assert!(!refused(convolution, [5, 5, 2], [5, 5, 4], good));
+        assert!(refused(convolution, [5, 5, 3], [5, 5, 4], good));
+        assert!(refused(convolution, [5, 5, 2], [4, 5, 4], good));
+        assert!(refused(convolution, [5, 5, 2], [5, 5, 9], good));
+        assert!(refused(convolution, [5, 5, 2], [5, 5, 4], |w| w.floats = None));
+        assert!(refused(convolution, [5, 5, 2], [5, 5, 4], |w| w.shape[1] = 2));
+        assert!(refused(Kind::Relu, [5, 5, 2], [5, 5, 4], good));
+        let unmade = Node { kind: Kind::Relu, inputs: vec![1], output: 1 };
+        let tensors = vec![picture([1, 1, 1]), picture([1, 1, 1])];
+        assert!(Network::new(tensors.clone(), vec![unmade.clone()], 0, vec![1]).is_err());
+        assert!(Network::new(tensors.clone(), vec![], 0, vec![1]).is_err());
+        let outside = Node { inputs: vec![2], ..unmade };
+        assert!(Network::new(tensors, vec![outside], 0, vec![0]).is_err());
+    }
 }

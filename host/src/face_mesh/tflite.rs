@@ -159,7 +159,7 @@ fn kind(code: i32, options: Option<Table<'_>>) -> Result<(Kind, bool), Fault> {
         1 => Ok(Padding::Valid),
         _ => Err("a padding is not known"),
     };
-    let strides = || Ok([int(2)?, int(1)?]);
+    let strides = || Ok::<_, Fault>([int(2)?, int(1)?]);
     let dilated = |at: usize| Ok::<_, Fault>([int(at)?, int(at + 1)?].iter().any(|d| *d > 1));
     let (kind, activation) = match code {
         0 => (Kind::Add, byte(0)?),

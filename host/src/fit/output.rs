@@ -13,6 +13,7 @@ use crate::mesh::glb;
 use crate::mesh::ply::{self, Encoding};
 use crate::photo::Crop;
 use crate::photo::picture::{self, Picture, Rgb};
+use crate::photo::tlms::Tlms;
 use crate::render;
 use onescan_core::chain;
 use onescan_core::model::Model;
@@ -36,6 +37,8 @@ const FITTED: Rgb = [70, 200, 255];
 
 /// Files that only a search writes.
 const MASKED: [&str; 2] = ["mask.png", "behind.png"];
+/// File that only a fit to found landmarks writes.
+const FOUND: [&str; 1] = ["landmarks.tlms"];
 /// File that only the fit of a mixture writes.
 #[cfg(feature = "full")]
 const MIXED: [&str; 1] = ["components.json"];
@@ -57,6 +60,8 @@ pub struct Names {
     pub model: String,
     /// What the command is given for it, if that is something else: a mixture, several models.
     pub given: Option<String>,
+    /// Which face was found, by size from 1.
+    pub face: u32,
     /// Of the photos of one subject.
     pub photos: Vec<PhotoNames>,
 }
@@ -81,8 +86,8 @@ impl Names {
 pub struct PhotoNames {
     /// Of the photo.
     pub image: String,
-    /// Of the landmarks.
-    pub landmarks: String,
+    /// Of the landmarks; none if they were found.
+    pub landmarks: Option<String>,
     /// Of the mask, if there is one.
     pub mask: Option<String>,
 }
@@ -95,6 +100,8 @@ pub struct Finished {
     pub mesh: Mesh,
     /// The pictures.
     pub pictures: Pictures,
+    /// The landmarks, if they were found.
+    pub found: Option<Tlms>,
 }
 
 /// Pictures of a fit.
@@ -136,7 +143,9 @@ pub fn finish(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Result<F
     let summary = summarize(job, fit, names, photo)?;
     let Subject { shape, albedo } = &fit.best.scene.subject;
     let mesh = render::instance(job.model, shape, albedo);
-    Ok(Finished { mesh, pictures: pictures(job, fit, &summary)?, summary })
+    let given = names.photos.get(photo).and_then(|names| names.landmarks.as_ref());
+    let found = given.is_none().then(|| job.landmarks.clone());
+    Ok(Finished { mesh, pictures: pictures(job, fit, &summary)?, summary, found })
 }
 
 /// Collects the numbers alone.
@@ -217,10 +226,11 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     let list = |name: &dyn Fn(&PhotoNames) -> Option<&str>| {
         names.photos.iter().filter_map(name).collect::<Vec<_>>().join(" ")
     };
-    let (images, landmarks) =
-        (list(&|photo| Some(&photo.image)), list(&|photo| Some(&photo.landmarks)));
+    let images = list(&|photo| Some(&photo.image));
+    let landmarks = list(&|photo| photo.landmarks.as_deref());
     let model = names.given.as_ref().unwrap_or(&names.model);
-    let mut command = format!("onescan fit {model} {images} --landmarks {landmarks} -o fit");
+    let marks = if landmarks.is_empty() { String::new() } else { format!(" --landmarks {landmarks}") };
+    let mut command = format!("onescan fit {model} {images}{marks} -o fit");
     let size = job.crop.scaled_to[0].max(job.crop.scaled_to[1]);
     let (config, base) = (&job.config, job.schedule.config(job.model, size));
     let mut add = |option: &str, value: &dyn Display, differs: bool| {
@@ -229,6 +239,7 @@ fn command(job: &Job<'_>, names: &Names) -> String {
             let _ = write!(command, " --{option} {value}");
         }
     };
+    add("face", &names.face, names.face != 1);
     let masks = list(&|photo| photo.mask.as_deref());
     add("mask", &masks, !masks.is_empty());
     // Nothing in a search is random.
@@ -368,6 +379,9 @@ pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
         files.push((mask_name, masked.mask.to_png()?));
         files.push((behind_name, behind.to_png()?));
     }
+    if let Some(found) = &result.found {
+        files.push((FOUND[0], found.to_text().into_bytes()));
+    }
     files.extend(meshes(&result.mesh)?);
     Ok(files)
 }
@@ -401,7 +415,7 @@ pub fn write(directory: &Path, result: &Finished) -> Result<()> {
     for (name, bytes) in files(result)? {
         write_atomically(&directory.join(name), |out| out.write_all(&bytes))?;
     }
-    clear(directory, &result.summary, result.pictures.masked.is_some())
+    clear(directory, &result.summary, result.pictures.masked.is_some(), result.found.is_some())
 }
 
 /// Removes what an earlier fit left in a directory and this one has not written.
@@ -409,12 +423,13 @@ pub fn write(directory: &Path, result: &Finished) -> Result<()> {
 /// # Errors
 /// Files that cannot be removed.
 #[cfg(feature = "full")]
-pub fn clear(directory: &Path, summary: &Summary, masked: bool) -> Result<()> {
+pub fn clear(directory: &Path, summary: &Summary, masked: bool, found: bool) -> Result<()> {
     let stale = |absent: bool, names: &'static [&'static str]| if absent { names } else { &[] };
     let masked = stale(!masked, &MASKED);
+    let found = stale(!found, &FOUND);
     let sampled = stale(summary.posterior.is_none(), &SAMPLED);
     let mixed = stale(summary.mixture.is_empty(), &MIXED);
-    for name in masked.iter().chain(sampled).chain(mixed) {
+    for name in masked.iter().chain(found).chain(sampled).chain(mixed) {
         match std::fs::remove_file(directory.join(name)) {
             Err(e) if e.kind() != ErrorKind::NotFound => {
                 return Err(Error::file(&directory.join(name), e));

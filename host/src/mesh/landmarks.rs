@@ -1,4 +1,7 @@
-//! Named landmarks on a scan, from the JSON that landmark editors of 3D meshes write.
+//! Named landmarks on a scan, from the files that landmark editors of 3D meshes write.
+
+#[cfg(feature = "full")]
+mod foreign;
 
 use crate::error::{Error, Result};
 use crate::files::read_text;
@@ -72,13 +75,29 @@ fn entries(text: &str) -> Result<Vec<Entry>> {
     })
 }
 
-/// Reads a landmark file for a scan.
+/// Reads a landmark file for a scan: JSON as [`parse`] takes it, MeshLab's picked points (`.pp`), or 3D
+/// Slicer's (`.mrk.json`, `.fcsv`). Slicer may have x and y of the other sign, by its settings: whichever
+/// is nearer to the scan is taken.
 ///
 /// # Errors
 /// When the file cannot be read, and those of [`parse`]; they name the file.
+#[cfg(feature = "full")]
 pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
     let text = read_text(path)?;
-    parse(&text, points, millimetres).map_err(|e| Error::file(path, e))
+    let Some(foreign) = foreign::points(path, &text) else {
+        return parse(&text, points, millimetres).map_err(|e| Error::file(path, e));
+    };
+    let foreign = foreign.and_then(checked).map_err(|e| Error::file(path, e))?;
+    let put = |sign: f64| {
+        let entry = |Point { id, coordinates: [x, y, z], .. }: &Point| Entry {
+            id: id.clone(),
+            vertex: None,
+            coordinates: Some([sign * x, sign * y, *z].map(|c| c as f32)),
+            uncertainty: None,
+        };
+        place(&foreign.iter().map(entry).collect::<Vec<_>>(), points, millimetres)
+    };
+    put(1.0).or_else(|e| put(-1.0).map_err(|_| e)).map_err(|e| Error::file(path, e))
 }
 
 /// Parses landmarks: a JSON array of `{"id", "vertex"?, "coordinates": [x, y, z]?, …}`.
@@ -90,7 +109,11 @@ pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
 /// Malformed JSON (with line and column), empty or repeated names, a vertex out of range,
 /// coordinates that are not finite or farther than [`MAX_DISTANCE`] from every vertex.
 pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
-    let entries = entries(text)?;
+    place(&entries(text)?, points, millimetres)
+}
+
+/// The vertices of entries.
+fn place(entries: &[Entry], points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
     let mut names = HashSet::new();
     let mut landmarks = Vec::new();
     for (i, entry) in entries.iter().enumerate() {
@@ -127,12 +150,16 @@ pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
     Ok(landmarks)
 }
 
-/// Reads the uncertainties of a landmark file.
+/// Reads the uncertainties of a landmark file; other programs' have none.
 ///
 /// # Errors
 /// When the file cannot be read, and those of [`uncertainties`]; they name the file.
+#[cfg(feature = "full")]
 pub fn read_uncertainties(path: &Path) -> Result<BTreeMap<String, Uncertainty>> {
     let text = read_text(path)?;
+    if foreign::points(path, &text).is_some() {
+        return Ok(BTreeMap::new());
+    }
     uncertainties(&text).map_err(|e| Error::file(path, e))
 }
 
@@ -158,13 +185,18 @@ fn uncertain(id: &str) -> Error {
     ))
 }
 
-/// Reads points of a landmark file.
+/// Reads points of a landmark file, of the kinds that [`read`] takes; their coordinates are as they stand.
 ///
 /// # Errors
 /// When the file cannot be read, and those of [`parse_points`]; they name the file.
+#[cfg(feature = "full")]
 pub fn read_points(path: &Path) -> Result<Vec<Point>> {
     let text = read_text(path)?;
-    parse_points(&text).map_err(|e| Error::file(path, e))
+    let points = match foreign::points(path, &text) {
+        Some(points) => points.and_then(checked),
+        None => parse_points(&text),
+    };
+    points.map_err(|e| Error::file(path, e))
 }
 
 /// Parses points: a JSON array of `{"id", "coordinates": [x, y, z], "description"?,
@@ -259,6 +291,25 @@ mod tests {
         let landmarks = parse(text, &POINTS, 1.0).unwrap();
         let found: Vec<_> = landmarks.iter().map(|l| (l.name.as_str(), l.vertex)).collect();
         assert_eq!(found, [("a", 2), ("b", 1)]);
+    }
+
+    #[test]
+    #[cfg(feature = "full")]
+    fn other_programs_points_are_put_on_vertices() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("x.fcsv");
+        for sign in [1, -1] {
+            let lines = format!("1,{},0,0,0,0,0,1,1,1,0,a\n2,0,{},0.5,0,0,0,1,1,1,0,b\n", sign * 10, sign * 9);
+            std::fs::write(&path, lines).unwrap();
+            let found = read(&path, &POINTS, 1.0).unwrap();
+            let found: Vec<_> = found.iter().map(|l| (l.name.as_str(), l.vertex)).collect();
+            assert_eq!(found, [("a", 1), ("b", 2)]);
+        }
+        std::fs::write(&path, "1,50,0,0,0,0,0,1,1,1,0,a\n").unwrap();
+        let message = read(&path, &POINTS, 1.0).unwrap_err().to_string();
+        assert!(message.contains("x.fcsv: landmark 0 (\"a\"): the nearest vertex is 40.0 mm away"), "{message}");
+        assert_eq!(read_points(&path).unwrap()[0].coordinates, [50.0, 0.0, 0.0]);
+        assert!(read_uncertainties(&path).unwrap().is_empty());
     }
 
     #[test]

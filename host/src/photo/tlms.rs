@@ -1,10 +1,11 @@
-//! Landmarks in a picture: the `.tlms` text format, `id visible x y` per line, and the 68 points
-//! of `.pts` files.
+//! Landmarks in a picture: the `.tlms` text format, `id visible x y` per line, the points of `.pts`
+//! files, and those of MediaPipe's face mesh.
 
+mod mesh;
 mod pts;
 
 use crate::error::{Error, Result};
-use crate::files::read_text;
+use crate::files::{has_extension, read_text};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -36,19 +37,27 @@ pub struct Tlms {
 }
 
 impl Tlms {
-    /// Reads a file: `.pts` by its extension, anything else as `.tlms`.
+    /// Reads a file about a picture of this width and height: `.pts` and `.json` (a face mesh) by their
+    /// extensions, anything else as `.tlms`.
     ///
     /// # Errors
-    /// As [`Tlms::parse`] and [`Tlms::parse_pts`], naming the file; a file that cannot be read.
-    pub fn read(path: &Path) -> Result<Self> {
+    /// As [`Tlms::parse`], [`Tlms::parse_pts`] and [`Tlms::parse_mesh`], naming the file; a file that
+    /// cannot be read.
+    pub fn read(path: &Path, size: [u32; 2]) -> Result<Self> {
         let text = read_text(path)?;
-        let parse = if Self::is_pts(path) { Self::parse_pts } else { Self::parse };
-        parse(&text).map_err(|e| Error::file(path, e))
+        let found = if has_extension(path, &["pts"]) {
+            Self::parse_pts(&text)
+        } else if has_extension(path, &["json"]) {
+            Self::parse_mesh(&text, size)
+        } else {
+            Self::parse(&text)
+        };
+        found.map_err(|e| Error::file(path, e))
     }
 
     /// Whether the file's name says that its points are numbered, not named.
-    pub fn is_pts(path: &Path) -> bool {
-        path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("pts"))
+    pub fn is_numbered(path: &Path) -> bool {
+        has_extension(path, &["pts", "json"])
     }
 
     /// Drops those whose name is none of these: points are numbered whatever the model knows.

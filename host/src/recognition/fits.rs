@@ -4,12 +4,13 @@
 //!
 //! | | what |
 //! |---|---|
-//! | `NAME.jpg`, `.jpeg`, `.png` with `NAME.tlms` or `.pts` beside | a photo, which is to be fitted |
+//! | `NAME.jpg`, `.jpeg`, `.png` | a photo, which is to be fitted: to the landmarks in `NAME.tlms` or `.pts`, if there are, or to those found |
 //! | `NAME/fit.json`, `NAME/components.json` | what `onescan fit` left, of a model or of a mixture |
 //! | `NAME.json` | what [`Fits::write`] left |
 
 use super::scores::Face;
 use crate::error::{Error, Result};
+use crate::face_mesh::Marked;
 use crate::files::{has_extension, read_text, write_atomically};
 use crate::fit::landmarks::{check_sides, crop_around};
 use crate::fit::output::{Names, PhotoNames, summarize};
@@ -65,8 +66,8 @@ pub fn run(job: &Job<'_>, stop: &AtomicBool) -> Result<Option<Fit>> {
 /// What shows a face.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Source {
-    /// A photo and its landmarks.
-    Photo(PathBuf, PathBuf),
+    /// A photo, and its landmarks if they are known.
+    Photo(PathBuf, Option<PathBuf>),
     /// A fit's numbers.
     Fit(PathBuf),
 }
@@ -87,9 +88,9 @@ impl Entry {
     /// The faces of a directory, sorted by name; or the one face that a path is, a photo or a fit.
     ///
     /// # Errors
-    /// Nothing there; a photo without landmarks.
+    /// Nothing there.
     pub fn all(path: &Path) -> Result<Vec<Self>> {
-        if let Some(one) = Self::of(path)? {
+        if let Some(one) = Self::of(path) {
             return Ok(vec![one]);
         }
         let entries = std::fs::read_dir(path).map_err(|e| {
@@ -101,12 +102,12 @@ impl Entry {
         let mut all = Vec::new();
         for entry in entries {
             let entry = entry.map_err(|e| Error::file(path, e))?.path();
-            all.extend(Self::of(&entry)?);
+            all.extend(Self::of(&entry));
         }
         if all.is_empty() {
             return Err(Error::file(
                 path,
-                "has no photos with landmarks (NAME.jpg, NAME.tlms) and no fits (NAME/fit.json)",
+                "has no photos (.jpg, .png) and no fits (NAME/fit.json)",
             ));
         }
         all.sort();
@@ -114,28 +115,23 @@ impl Entry {
     }
 
     /// `None` if the path is neither a photo nor a fit.
-    fn of(path: &Path) -> Result<Option<Self>> {
+    fn of(path: &Path) -> Option<Self> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         if path.is_dir() {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let files = ["components.json", "fit.json"].map(|file| path.join(file));
             let found = files.into_iter().find(|file| file.is_file());
-            return Ok(found.map(|file| Self { name, source: Source::Fit(file) }));
+            return found.map(|file| Self { name, source: Source::Fit(file) });
         }
         if has_extension(path, &["json"]) {
-            return Ok(Some(Self { name, source: Source::Fit(path.to_path_buf()) }));
+            return Some(Self { name, source: Source::Fit(path.to_path_buf()) });
         }
         if !has_extension(path, &PHOTOS) {
-            return Ok(None);
+            return None;
         }
         let beside = LANDMARKS.map(|extension| path.with_extension(extension));
-        let Some(landmarks) = beside.into_iter().find(|file| file.is_file()) else {
-            return Err(Error::file(
-                path,
-                format_args!("has no landmarks beside it; write {name}.tlms or {name}.pts"),
-            ));
-        };
-        Ok(Some(Self { name, source: Source::Photo(path.to_path_buf(), landmarks) }))
+        let landmarks = beside.into_iter().find(|file| file.is_file());
+        Some(Self { name, source: Source::Photo(path.to_path_buf(), landmarks) })
     }
 }
 
@@ -173,31 +169,35 @@ impl Fits {
     /// Fits a photo; `None` if it was stopped.
     ///
     /// # Errors
-    /// Files that cannot be read; those of [`job`] and [`find_mode`], which name the landmarks.
+    /// Files that cannot be read, a photo without a face; those of [`job`] and [`find_mode`], which name
+    /// the landmarks.
     pub fn make(
         mixture: &Mixture,
-        (photo, landmarks): (&Path, &Path),
+        (photo, landmarks): (&Path, Option<&Path>),
         stop: &AtomicBool,
     ) -> Result<Option<Self>> {
         let name = |path: &Path| {
             path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
         };
         let photos =
-            vec![PhotoNames { image: name(photo), landmarks: name(landmarks), mask: None }];
-        let (picture, points) = (photo::read(photo)?, Tlms::read(landmarks)?);
+            vec![PhotoNames { image: name(photo), landmarks: landmarks.map(name), mask: None }];
+        let picture = photo::read(photo)?;
+        let fault = |e: Error| Error::file(landmarks.unwrap_or(photo), e);
+        let marked = match Marked::read(landmarks, &picture, 1) {
+            // What is wrong with a file names it.
+            Err(e) if landmarks.is_none() => return Err(fault(e)),
+            marked => marked?,
+        };
         let (mut all, mut crop) = (Vec::new(), None);
         for component in &mixture.components {
             let model = component.model.view();
-            let mut points = points.clone();
-            if Tlms::is_pts(landmarks) {
-                points.keep(&model.landmarks().map(|(name, _)| name).collect::<Vec<_>>());
-            }
-            let fault = |e: Error| Error::file(landmarks, e);
+            let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
+            let points = marked.known(&names).map_err(fault)?;
             let mut job = job(&model, &picture, &points).map_err(fault)?;
             job.crop = *crop.get_or_insert(job.crop);
             let Some(fit) = run(&job, stop).map_err(fault)? else { return Ok(None) };
-            let names =
-                Names { model: component.name.clone(), given: None, photos: photos.clone() };
+            let (model, photos) = (component.name.clone(), photos.clone());
+            let names = Names { model, given: None, face: 1, photos };
             all.push(summarize(&job, &fit, &names, 0)?);
         }
         Ok(Some(Self(all)))
@@ -210,12 +210,12 @@ impl Fits {
     /// Those of [`Fits::make`]; a place that cannot be written.
     pub fn make_or_read(
         mixture: &Mixture,
-        (photo, landmarks): (&Path, &Path),
+        (photo, landmarks): (&Path, Option<&Path>),
         path: &Path,
         stop: &AtomicBool,
     ) -> Result<Option<Self>> {
         let age = |path: &Path| metadata(path).and_then(|m| m.modified()).ok();
-        let young = age(path) > age(photo) && age(path) > age(landmarks);
+        let young = age(path) > age(photo) && landmarks.is_none_or(|file| age(path) > age(file));
         if let (true, Ok(known)) = (young, Self::read(path)) {
             let models = mixture.components.iter().map(|c| hex(c.model.view().checksum()));
             if known.models().map(|(_, checksum)| checksum.to_owned()).eq(models) {
@@ -227,6 +227,11 @@ impl Fits {
             made.write(path)?;
         }
         Ok(made)
+    }
+
+    /// The part of the photo that was looked at.
+    pub fn crop(&self) -> Option<Crop> {
+        self.0.first().map(|fit| fit.image.crop)
     }
 
     /// File and checksum of the models.
@@ -257,15 +262,15 @@ mod tests {
         let found = Entry::all(place.path()).unwrap();
         let names: Vec<&str> = found.iter().map(|entry| &*entry.name).collect();
         assert_eq!(names, ["anna", "ben", "carl", "dora"]);
-        assert_eq!(found[1].source, Source::Photo(at("ben.png"), at("ben.pts")));
+        assert_eq!(found[1].source, Source::Photo(at("ben.png"), Some(at("ben.pts"))));
         assert_eq!(found[3].source, Source::Fit(at("dora/fit.json")));
         assert_eq!(Entry::all(&at("dora")).unwrap(), found[3..]);
         assert_eq!(Entry::all(&at("anna.JPG")).unwrap(), found[..1]);
 
         fs::remove_file(at("ben.pts")).unwrap();
-        let error = Entry::all(place.path()).unwrap_err().to_string();
-        assert!(error.contains("ben.png: has no landmarks beside it"), "{error}");
+        let found = Entry::all(place.path()).unwrap();
+        assert_eq!(found[1].source, Source::Photo(at("ben.png"), None));
         let error = Entry::all(&at("nobody")).unwrap_err().to_string();
-        assert!(error.contains("has no photos with landmarks"), "{error}");
+        assert!(error.contains("has no photos (.jpg, .png) and no fits"), "{error}");
     }
 }

@@ -613,7 +613,7 @@ mod tests {
             landmarks: [picture(), picture()],
         };
         let mesh = Mesh { points: vec![], colors: vec![], triangles: vec![] };
-        Finished { summary, mesh, pictures }
+        Finished { summary, mesh, pictures, found: None }
     }
 
     #[test]

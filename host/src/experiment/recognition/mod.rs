@@ -269,5 +269,7 @@ pub fn pictures(directory: &Path) -> Result<Vec<Rough>> {
 
 /// A photo and the landmarks beside it.
 fn read(path: &Path) -> Result<(Picture, Tlms)> {
-    Ok((photo::read(path)?, Tlms::read(&path.with_extension("tlms"))?))
+    let photo = photo::read(path)?;
+    let landmarks = Tlms::read(&path.with_extension("tlms"), [photo.width, photo.height])?;
+    Ok((photo, landmarks))
 }

@@ -1,4 +1,5 @@
-//! The 68 points that many face detectors give, in the `.pts` files of the iBUG annotations.
+//! The 68 points that many face detectors give, in the `.pts` files of the iBUG annotations, and dlib's
+//! five in such files.
 //!
 //! Only points on features of the face have a vertex: the outline of the face (points 1 to 17) is
 //! wherever it ends in the picture, and points along brows, nose and lips wherever an annotator
@@ -7,12 +8,18 @@
 use super::{Landmark2, Tlms};
 use crate::error::{Error, Result};
 
-/// How many points a file has.
-const POINTS: usize = 68;
+/// Our names of dlib's five points, numbered from one: eyes from outside to inside, then the nose.
+const FIVE: [(usize, &str); 5] = [
+    (1, "left.eye.corner_outer"),
+    (2, "left.eye.corner_inner"),
+    (3, "right.eye.corner_outer"),
+    (4, "right.eye.corner_inner"),
+    (5, "center.nose.attachement_to_philtrum"),
+];
 
-/// Our names of those points, numbered from one, which are ours. "right" is the subject's right,
+/// Our names of those of 68 points, numbered from one, which are ours. "right" is the subject's right,
 /// on the left in the picture.
-const NAMES: [(usize, &str); 17] = [
+const SIXTY_EIGHT: [(usize, &str); 17] = [
     (9, "center.chin.tip"),
     (18, "right.eyebrow.outer"),
     (22, "right.eyebrow.inner_lower"),
@@ -70,13 +77,17 @@ impl Tlms {
                 _ => {}
             }
         }
-        if points.len() != POINTS {
-            return Err(Error::new(format_args!(
-                "{} points between braces, expected {POINTS}; is this a .pts file of a face?",
-                points.len()
-            )));
-        }
-        let landmarks = NAMES
+        let names: &[(usize, &str)] = match points.len() {
+            68 => &SIXTY_EIGHT,
+            5 => &FIVE,
+            other => {
+                return Err(Error::new(format_args!(
+                    "{other} points between braces, expected 68 or dlib's 5; is this a .pts file of a \
+                     face?"
+                )));
+            }
+        };
+        let landmarks = names
             .iter()
             .map(|&(number, name)| {
                 let [x, y] = points[number - 1];
@@ -106,20 +117,22 @@ mod tests {
         let tlms = Tlms::parse_pts(&file(68)).unwrap();
         let tip = tlms.landmarks.iter().find(|l| l.id == "center.nose.tip").unwrap();
         assert_eq!((tip.x, tip.y, tip.visible), (30.5, 61.0, true));
-        assert_eq!(tlms.landmarks.len(), NAMES.len());
+        assert_eq!(tlms.landmarks.len(), SIXTY_EIGHT.len());
+        let five = Tlms::parse_pts(&file(5)).unwrap().landmarks;
+        assert_eq!((five[3].id.as_str(), five[3].x, five[3].y), ("right.eye.corner_inner", 3.5, 7.0));
     }
 
     #[test]
     fn names_are_unique_and_pair_up() {
-        for (i, &(number, name)) in NAMES.iter().enumerate() {
-            assert!((1..=POINTS).contains(&number));
-            assert!(NAMES[..i].iter().all(|other| other.0 < number && other.1 != name));
+        for (i, &(number, name)) in SIXTY_EIGHT.iter().enumerate() {
+            assert!((1..=68).contains(&number));
+            assert!(SIXTY_EIGHT[..i].iter().all(|other| other.0 < number && other.1 != name));
             let other = match name.split_once('.') {
                 Some(("left", rest)) => format!("right.{rest}"),
                 Some(("right", rest)) => format!("left.{rest}"),
                 _ => continue,
             };
-            assert!(NAMES.iter().any(|(_, name)| *name == other), "{other}");
+            assert!(SIXTY_EIGHT.iter().any(|(_, name)| *name == other), "{other}");
         }
     }
 

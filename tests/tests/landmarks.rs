@@ -1,0 +1,67 @@
+//! Landmarks found by the command: in photos, by `fit` itself, and on a scan.
+
+use onescan::photo::tlms::Tlms;
+use onescan_tests::program::{Onescan, json};
+use std::fs;
+use tempfile::tempdir;
+
+#[test]
+fn a_fit_finds_the_landmarks_itself() {
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+    run("landmarks @photos/astronaut.png -o found.tlms --picture marked.png");
+    let found = fs::read_to_string(at("found.tlms")).unwrap();
+    assert_eq!(Tlms::parse(&found).unwrap().landmarks.len(), 41);
+    assert!(at("marked.png").exists());
+
+    run("fit @golden/small.3dmm @photos/astronaut.png -o fit");
+    // What the model knows of them.
+    let used = fs::read_to_string(at("fit/landmarks.tlms")).unwrap();
+    assert!(used.lines().count() >= 4 && used.lines().all(|line| found.contains(line)));
+    let itself = json(&at("fit/fit.json"));
+    assert_eq!(itself["command"], "onescan fit small.3dmm astronaut.png -o fit");
+
+    fs::copy(at("fit/landmarks.tlms"), at("used.tlms")).unwrap();
+    run("fit @golden/small.3dmm @photos/astronaut.png --landmarks used.tlms -o fit");
+    let given = json(&at("fit/fit.json"));
+    assert_eq!(given["fingerprint"], itself["fingerprint"]);
+    assert!(!at("fit/landmarks.tlms").exists(), "an earlier fit's are not left behind");
+    assert_eq!(
+        given["command"],
+        "onescan fit small.3dmm astronaut.png --landmarks used.tlms -o fit"
+    );
+}
+
+#[test]
+fn landmarks_of_a_scan_make_a_model_that_is_fitted() {
+    let place = tempdir().unwrap();
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+    run("landmarks @face/scans/scan_03.ply -o scan.json --picture scan.png");
+    let marks = json(&place.path().join("scan.json"));
+    assert!(marks.as_array().unwrap().len() >= 38, "{marks}");
+    run("build @face/scans/scan_03.ply --landmarks scan.json --rank 8 -o own.3dmm");
+    run("fit own.3dmm @photos/obama.jpg -o fit");
+    let fit = json(&place.path().join("fit/fit.json"));
+    assert!(fit["landmark_rmse_px"].as_f64().unwrap() < 12.0, "{}", fit["landmark_rmse_px"]);
+}
+
+#[test]
+fn what_has_no_face_is_refused() {
+    let place = tempdir().unwrap();
+    let refused = |line: &str, part: &str| {
+        let run = Onescan::new(place.path(), line).run();
+        assert_eq!(run.code, Some(1), "{line}: {}", run.stderr);
+        assert!(run.stderr.contains(part), "{line}: {}", run.stderr);
+        assert_eq!(run.stderr.trim().lines().count(), 1, "{line}: {}", run.stderr);
+    };
+    let render = "render @golden/small.3dmm -o back.png --size 128x128 --yaw 180";
+    Onescan::new(place.path(), render).succeed();
+    refused("landmarks back.png", "back.png: no face found; mark its landmarks yourself");
+    refused("fit @golden/small.3dmm back.png -o out", "back.png: no face found");
+    refused("landmarks @photos/astronaut.png --face 2 -o x", "no face 2; the only one is 1 at (");
+    refused("landmarks @photos/astronaut.png --unit cm -o x", "is a photo, and --unit 10 is about");
+    refused("landmarks @face/template.ply --face 1 -o x", "is a scan, and --face is about photos");
+    refused("landmarks @fish/template.ply -o x", "no face found from any side");
+    assert!(!place.path().join("x").exists());
+}
