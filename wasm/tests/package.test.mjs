@@ -146,6 +146,41 @@ test('the full-size golden case', { timeout: 120_000 }, async () => {
   assert.equal(fit.fingerprint, goldenSearch('full'));
 });
 
+test('faces of a photo are found, the largest first', { timeout: 120_000 }, async () => {
+  const onescan = await create();
+  const open = (name) => onescan.photo(new Uint8Array(readFileSync(join(PHOTOS, name))));
+  const both = [open('obama.jpg'), open('astronaut.png')];
+  const width = both[0].width + both[1].width;
+  const height = Math.max(both[0].height, both[1].height);
+  const data = new Uint8Array(4 * width * height);
+  let left = 0;
+  for (const photo of both) {
+    const rgb = photo.rgb();
+    for (let i = 0; i < photo.width * photo.height; i += 1) {
+      const at = 4 * (Math.floor(i / photo.width) * width + left + (i % photo.width));
+      data.set(rgb.subarray(3 * i, 3 * i + 3), at);
+    }
+    left += photo.width;
+  }
+  const detector = await onescan.detector();
+  const start = performance.now();
+  const [obama, astronaut, ...others] = detector.faces(onescan.photo({ width, height, data }));
+  console.log(`faces are found in ${Math.round(performance.now() - start)} ms`);
+  assert.equal(others.length, 0);
+  assert.ok(obama.size > astronaut.size);
+  assert.ok(obama.x < both[0].width && astronaut.x > both[0].width);
+  assert.equal(obama.landmarks.length, 41);
+  const marked = new Map(readFileSync(join(PHOTOS, 'astronaut.tlms'), 'utf8').trim().split('\n').map((line) => {
+    const [name, , x, y] = line.split(' ');
+    return [name, [Number(x) + both[0].width, Number(y)]];
+  }));
+  for (const { name, x, y } of astronaut.landmarks) {
+    const [tx, ty] = marked.get(name) ?? [x, y];
+    assert.ok(Math.hypot(x - tx, y - ty) < 8, `${name}: ${[x, y]}, by hand ${[tx, ty]}`);
+  }
+  assert.equal(detector.faces(onescan.photo({ width: 64, height: 64, data: new Uint8Array(64 * 64 * 4) })).length, 0);
+});
+
 test('a visitor does not wait for long', () => {
   const size = (bytes) => brotliCompressSync(bytes).length;
   let program = 0;

@@ -223,6 +223,7 @@ test('a phone: landmarks are found, moved by keys, and the fit runs', { timeout:
   await page.setInputFiles('#file', join(PHOTOS, 'obama.jpg'));
   await said(page, 'Found them');
   assert.equal(await page.locator('#handles g').count(), 16);
+  assert.equal(await page.locator('#next-face').isVisible(), false, 'there is but one');
   await shot(page, 'phone-landmarks');
   const handle = page.locator('#handles g').nth(9);
   const place = () => handle.getAttribute('transform');

@@ -1,3 +1,0 @@
-//! x
-use onescan::mesh::ply; use onescan::render; use onescan::model::layout; use onescan::face_mesh::Detector;
-fn main(){ for a in std::env::args().skip(1) { let m=ply::read(a.as_ref()).unwrap(); let r=layout::rigid(&m,&[]).unwrap(); for yaw in [0.0_f32,0.3,-0.3] { let s=render::portrait(&r.view(),[512;2],yaw,0.0); for g in [[255u8;3],[0;3],[128;3]] { let p=render::draw_on(&r.view(),&s,g); let f=Detector::embedded().faces(&p); println!("{a} {yaw} {g:?} {:?}", f.iter().map(|f|(f.score,f.size,f.center)).collect::<Vec<_>>()); if yaw==0.0 && g[0]==255 { p.write_png(format!("/tmp/sv{}.png", &a[a.len()-6..a.len()-4]).as_ref()).unwrap(); } } } } }
