@@ -460,6 +460,8 @@ fn photos() {
 #[test]
 fn landmarks_of_a_photo() {
     const FIT: &str = "fit @golden/small.3dmm @photos/astronaut.png --landmarks bad.tlms -o out";
+    const MESH: &str = "fit @golden/small.3dmm @photos/astronaut.png --landmarks bad.json -o out";
+    const POINTS: &str = "fit @golden/small.3dmm @photos/astronaut.png --landmarks bad.pts -o out";
     let bad = |what: &str, text: &str, says| case(what, "bad.tlms", text, FIT, says);
     let eyes = "right.eye.corner_outer 1 193 101\nleft.eye.corner_outer 1 256 103\n\
                 center.nose.tip 1 223 127\n";
@@ -479,6 +481,8 @@ fn landmarks_of_a_photo() {
         bad("twice", &with("center.nose.tip 1 220 175"), "line 4: landmark `center.nose.tip`"),
         bad("words", &with("center.chin.tip yes 220 175"), "line 4: visible is `yes`"),
         case("not text", "bad.tlms", [0xff, 0xfe, 0x00], FIT, "UTF-8"),
+        case("no mesh", "bad.json", "[]", MESH, "0 meshes of a face"),
+        case("other points", "bad.pts", "{\n1 2\n}", POINTS, "1 points"),
     ]);
 }
 
@@ -690,11 +694,11 @@ fn mixtures_galleries_and_jobs_that_are_none() {
         mix("a model of another field", &format!("{model}wieght = 1\n"), "line 3: unknown field"),
         case("a mixture for a model", "mix.toml", model, "info mix.toml", "is a mixture of models"),
         gallery(
-            "a photo without landmarks",
+            "a photo without a face",
             "anna.png",
-            fixture("photos/astronaut.png"),
+            Picture::filled(64, 64, [90; 3]).to_png().unwrap(),
             "recognise . anna.png --model @golden/small.3dmm -o out",
-            "has no landmarks beside it; write anna.tlms or anna.pts",
+            "anna.png: no face found",
         ),
         gallery(
             "a fit that is none",
@@ -713,7 +717,7 @@ fn mixtures_galleries_and_jobs_that_are_none() {
     ]);
     let place = tempdir().unwrap();
     for (line, says) in [
-        ("recognise . . -o out", "has no photos with landmarks (NAME.jpg, NAME.tlms)"),
+        ("recognise . . -o out", "has no photos (.jpg, .png) and no fits"),
         ("recognise gone x.jpg -o out", "gone: "),
         ("recognise @rough @rough/05_15.jpg -o out", "say by which --model"),
         (

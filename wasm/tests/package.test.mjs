@@ -149,7 +149,7 @@ test('the full-size golden case', { timeout: 120_000 }, async () => {
 test('faces of a photo are found, the largest first', { timeout: 120_000 }, async () => {
   const onescan = await create();
   const open = (name) => onescan.photo(new Uint8Array(readFileSync(join(PHOTOS, name))));
-  const both = [open('obama.jpg'), open('astronaut.png')];
+  const both = [open('obama.jpg'), open('grace_hopper.jpg')];
   const width = both[0].width + both[1].width;
   const height = Math.max(both[0].height, both[1].height);
   const data = new Uint8Array(4 * width * height);
@@ -164,19 +164,19 @@ test('faces of a photo are found, the largest first', { timeout: 120_000 }, asyn
   }
   const detector = await onescan.detector();
   const start = performance.now();
-  const [obama, astronaut, ...others] = detector.faces(onescan.photo({ width, height, data }));
+  const [obama, hopper, ...others] = detector.faces(onescan.photo({ width, height, data }));
   console.log(`faces are found in ${Math.round(performance.now() - start)} ms`);
   assert.equal(others.length, 0);
-  assert.ok(obama.size > astronaut.size);
-  assert.ok(obama.x < both[0].width && astronaut.x > both[0].width);
+  assert.ok(obama.size > hopper.size);
+  assert.ok(obama.x < both[0].width && hopper.x > both[0].width);
   assert.equal(obama.landmarks.length, 41);
-  const marked = new Map(readFileSync(join(PHOTOS, 'astronaut.tlms'), 'utf8').trim().split('\n').map((line) => {
+  const marked = new Map(readFileSync(join(PHOTOS, 'grace_hopper.tlms'), 'utf8').trim().split('\n').map((line) => {
     const [name, , x, y] = line.split(' ');
     return [name, [Number(x) + both[0].width, Number(y)]];
   }));
-  for (const { name, x, y } of astronaut.landmarks) {
+  for (const { name, x, y } of hopper.landmarks) {
     const [tx, ty] = marked.get(name) ?? [x, y];
-    assert.ok(Math.hypot(x - tx, y - ty) < 8, `${name}: ${[x, y]}, by hand ${[tx, ty]}`);
+    assert.ok(Math.hypot(x - tx, y - ty) < 20, `${name}: ${[x, y]}, by hand ${[tx, ty]}`);
   }
   assert.equal(detector.faces(onescan.photo({ width: 64, height: 64, data: new Uint8Array(64 * 64 * 4) })).length, 0);
 });
