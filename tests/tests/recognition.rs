@@ -89,7 +89,7 @@ fn of_equal_models_a_mixture_keeps_the_weights() {
     let run = |line: &str| Onescan::new(place.path(), line).succeed();
     run("model mix models/a.3dmm models/b.3dmm --weights 1 3 -o two.toml");
     let text = fs::read_to_string(at("two.toml")).unwrap();
-    assert!(text.starts_with("[[component]]\nmodel = \"models/a.3dmm\"\nweight = 1\n"), "{text}");
+    assert!(text.starts_with("[[component]]\nmodel = \"models/a.3dmm\"\nweight = 1.0\n"), "{text}");
 
     let photo = "@photos/astronaut.png --landmarks @photos/astronaut.tlms -o fit";
     run(&format!("fit two.toml {photo}"));

@@ -194,7 +194,9 @@ pub fn crop_around(
 /// Pixels from where a scene shows a point of the model to a point of the picture.
 fn distance(view: &View, point: [f32; 3], at: [f32; 2]) -> f64 {
     let (u, v, _) = view.camera.project(view.pose.to_world(point));
-    f64::from(u - at[0]).hypot(f64::from(v - at[1]))
+    let [x, y] = [u - at[0], v - at[1]].map(f64::from);
+    // Not `hypot`, whose last bit is the platform's.
+    (x * x + y * y).sqrt()
 }
 
 /// The landmarks beside what the fit found; `points` are the fitted model's vertices.

@@ -203,7 +203,8 @@ impl Tlms {
             points.iter().map(|p| (p[i] - mean[i]) * (p[j] - mean[j])).sum()
         };
         let (xx, xy, yy) = (moment(0, 0), moment(0, 1), moment(1, 1));
-        let (half, apart) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        let (half, lean) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        let apart = (lean * lean + xy * xy).sqrt();
         ((half - apart).max(0.0) / (half + apart).max(f64::MIN_POSITIVE)).sqrt()
     }
 }
