@@ -87,7 +87,8 @@ impl Demo {
             else {
                 return Err(Error::new("the fit was stopped"));
             };
-            let photo = PhotoNames { image: subject.file.into(), landmarks: Some(tlms), mask: None };
+            let photo =
+                PhotoNames { image: subject.file.into(), landmarks: Some(tlms), mask: None };
             let names =
                 Names { model: "face.3dmm".into(), given: None, face: 1, photos: vec![photo] };
             let result = output::finish(&job, &fit, &names, 0)?;

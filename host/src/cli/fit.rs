@@ -208,9 +208,8 @@ impl Fit {
         }
         output_directory(&self.output)?;
         let mixture = Mixture::open(&[&[self.model.clone()], &self.more[..]].concat())?;
-        let photos = (0..self.images.len())
-            .map(|i| self.read(i, console))
-            .collect::<Result<Vec<_>>>()?;
+        let photos =
+            (0..self.images.len()).map(|i| self.read(i, console)).collect::<Result<Vec<_>>>()?;
         let looks = |model: &Model<'_>| {
             let look = |(i, read)| self.look(model, i, read);
             photos.iter().enumerate().map(look).collect::<Result<Vec<_>>>()

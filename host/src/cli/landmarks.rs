@@ -88,7 +88,10 @@ impl Landmarks {
 
     fn of_scan(&self) -> Result<(String, Picture)> {
         if self.face.is_some() {
-            return Err(Error::file(&self.input, "is a scan, and --face is about photos; leave it out"));
+            return Err(Error::file(
+                &self.input,
+                "is a scan, and --face is about photos; leave it out",
+            ));
         }
         let (mesh, _) = self.reading.read(&self.input)?;
         let frame = self.reading.frame()?;

@@ -305,8 +305,9 @@ mod tests {
     #[test]
     fn where_there_is_no_face_none_is_found() {
         let mut rng = Rng::new(3, 0);
-        let noise: Vec<[u8; 3]> =
-            (0..400 * 300).map(|_| std::array::from_fn(|_| rng.normal_sd(60.0).abs() as u8)).collect();
+        let noise: Vec<[u8; 3]> = (0..400 * 300)
+            .map(|_| std::array::from_fn(|_| rng.normal_sd(60.0).abs() as u8))
+            .collect();
         let noise = Picture { width: 400, height: 300, rgb: noise };
         assert!(Detector::embedded().faces(&noise).is_empty());
         assert!(Detector::embedded().faces(&Picture::filled(1, 1, [0; 3])).is_empty());
@@ -316,8 +317,9 @@ mod tests {
 
     #[test]
     fn damaged_networks_are_refused_or_run() {
-        let [detector, mesh] = ["face_detection_short_range", "face_landmark"]
-            .map(|name| std::fs::read(fixture("face_mesh").join(name).with_extension("tflite")).unwrap());
+        let [detector, mesh] = ["face_detection_short_range", "face_landmark"].map(|name| {
+            std::fs::read(fixture("face_mesh").join(name).with_extension("tflite")).unwrap()
+        });
         let error = Detector::new(&mesh, &detector).unwrap_err().to_string();
         assert_eq!(error, "face_detection_short_range.tflite: another network");
         assert!(Detector::new(&detector[..detector.len() / 2], &mesh).is_err());

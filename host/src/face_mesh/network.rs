@@ -554,7 +554,12 @@ mod tests {
     }
 
     /// A network of one layer.
-    fn single(kind: Kind, from: Shape, to: Shape, constants: Vec<Tensor>) -> Result<Network, Fault> {
+    fn single(
+        kind: Kind,
+        from: Shape,
+        to: Shape,
+        constants: Vec<Tensor>,
+    ) -> Result<Network, Fault> {
         let count = constants.len();
         let tensors = [vec![picture(from), picture(to)], constants].concat();
         let inputs = std::iter::once(0).chain(2..2 + count).collect();
@@ -583,7 +588,8 @@ mod tests {
         for i in 0..len(to) {
             let [y, x, o] = [i / to[2] / to[1], i / to[2] % to[1], i % to[2]];
             let mut sum = f64::from(bias[o]);
-            for (tap, c) in (0..rows * columns).flat_map(|tap| (0..from[2]).map(move |c| (tap, c))) {
+            for (tap, c) in (0..rows * columns).flat_map(|tap| (0..from[2]).map(move |c| (tap, c)))
+            {
                 let value = at(y * strides[0] + tap / columns, x * strides[1] + tap % columns, c);
                 let weight = match depthwise {
                     true if c == o => weights[tap * from[2] + c],
@@ -655,7 +661,8 @@ mod tests {
     #[test]
     fn sums_and_concatenations_take_two() {
         let node = |kind, inputs: &[usize], output| Node { kind, inputs: inputs.to_vec(), output };
-        let tensors = vec![picture([1, 2, 1]), picture([1, 2, 1]), picture([1, 2, 1]), picture([4, 1, 1])];
+        let tensors =
+            vec![picture([1, 2, 1]), picture([1, 2, 1]), picture([1, 2, 1]), picture([4, 1, 1])];
         // x, its rectified, their sum, and both one behind the other.
         let nodes = vec![
             node(Kind::Relu, &[0], 1),

@@ -90,9 +90,8 @@ pub fn find(mesh: &Mesh) -> Result<FaceOnScan> {
     let (picture, in_picture) = front.ok_or_else(|| Error::new(NONE))?;
     let mark = |(name, all): (String, Vec<Nearest>)| {
         let apart = |a: &Nearest| {
-            let distance = |b: &Nearest| {
-                (0..3).map(|k| (a.point[k] - b.point[k]).powi(2)).sum::<f64>().sqrt()
-            };
+            let distance =
+                |b: &Nearest| (0..3).map(|k| (a.point[k] - b.point[k]).powi(2)).sum::<f64>().sqrt();
             all.iter().map(distance).sum::<f64>()
         };
         let nearest = all.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
@@ -214,7 +213,8 @@ impl Look {
         let mut depths: Vec<f64> = met.iter().flatten().map(|met| met.squared.sqrt()).collect();
         depths.sort_by(f64::total_cmp);
         let Some(depth) = depths.get(depths.len() / 2) else { return Vec::new() };
-        let over = |ray: [f64; 3]| surface.nearest(std::array::from_fn(|k| eye[k] + depth * ray[k]));
+        let over =
+            |ray: [f64; 3]| surface.nearest(std::array::from_fn(|k| eye[k] + depth * ray[k]));
         let all = rays.into_iter().zip(met);
         all.map(|((id, ray), met)| (id, met.unwrap_or_else(|| over(ray)))).collect()
     }
@@ -240,7 +240,8 @@ mod tests {
             assert!(found.marks.len() >= 38, "scan {i}: {}", found.marks.len());
             let errors = found.marks.iter().map(|mark| {
                 let truth = &truth["landmarks"][&mark.name];
-                let squared = (0..3).map(|k| (mark.coordinates[k] - truth[k].as_f64().unwrap()).powi(2));
+                let squared =
+                    (0..3).map(|k| (mark.coordinates[k] - truth[k].as_f64().unwrap()).powi(2));
                 let error = squared.sum::<f64>().sqrt();
                 by_name.entry(mark.name.clone()).or_default().push(error);
                 error

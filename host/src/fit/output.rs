@@ -229,7 +229,8 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     let images = list(&|photo| Some(&photo.image));
     let landmarks = list(&|photo| photo.landmarks.as_deref());
     let model = names.given.as_ref().unwrap_or(&names.model);
-    let marks = if landmarks.is_empty() { String::new() } else { format!(" --landmarks {landmarks}") };
+    let marks =
+        if landmarks.is_empty() { String::new() } else { format!(" --landmarks {landmarks}") };
     let mut command = format!("onescan fit {model} {images}{marks} -o fit");
     let size = job.crop.scaled_to[0].max(job.crop.scaled_to[1]);
     let (config, base) = (&job.config, job.schedule.config(job.model, size));

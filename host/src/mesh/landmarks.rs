@@ -299,7 +299,11 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("x.fcsv");
         for sign in [1, -1] {
-            let lines = format!("1,{},0,0,0,0,0,1,1,1,0,a\n2,0,{},0.5,0,0,0,1,1,1,0,b\n", sign * 10, sign * 9);
+            let lines = format!(
+                "1,{},0,0,0,0,0,1,1,1,0,a\n2,0,{},0.5,0,0,0,1,1,1,0,b\n",
+                sign * 10,
+                sign * 9
+            );
             std::fs::write(&path, lines).unwrap();
             let found = read(&path, &POINTS, 1.0).unwrap();
             let found: Vec<_> = found.iter().map(|l| (l.name.as_str(), l.vertex)).collect();
@@ -307,7 +311,10 @@ mod tests {
         }
         std::fs::write(&path, "1,50,0,0,0,0,0,1,1,1,0,a\n").unwrap();
         let message = read(&path, &POINTS, 1.0).unwrap_err().to_string();
-        assert!(message.contains("x.fcsv: landmark 0 (\"a\"): the nearest vertex is 40.0 mm away"), "{message}");
+        assert!(
+            message.contains("x.fcsv: landmark 0 (\"a\"): the nearest vertex is 40.0 mm away"),
+            "{message}"
+        );
         assert_eq!(read_points(&path).unwrap()[0].coordinates, [50.0, 0.0, 0.0]);
         assert!(read_uncertainties(&path).unwrap().is_empty());
     }

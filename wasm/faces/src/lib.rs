@@ -32,7 +32,9 @@ impl Detector {
         let area = u64::from(width) * u64::from(height);
         if pixels.is_empty() || !rest.is_empty() || pixels.len() as u64 != area {
             let found = rgb.len();
-            return Err(Error::new(format_args!("{found} bytes are not {width}×{height} pixels")).into());
+            return Err(
+                Error::new(format_args!("{found} bytes are not {width}×{height} pixels")).into()
+            );
         }
         let found = |face: face_mesh::Face| Face {
             x: face.center[0],

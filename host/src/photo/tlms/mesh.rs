@@ -193,8 +193,9 @@ mod tests {
 
     #[test]
     fn json_of_any_program_is_read() {
-        let objects: Vec<_> =
-            (0..478).map(|i| format!("{{\"x\": {}, \"y\": 0.25, \"z\": 0}}", i as f32 / 500.0)).collect();
+        let objects: Vec<_> = (0..478)
+            .map(|i| format!("{{\"x\": {}, \"y\": 0.25, \"z\": 0}}", i as f32 / 500.0))
+            .collect();
         let pairs: Vec<_> = (0..468).map(|i| format!("[{}, 50]", 0.4 * i as f32)).collect();
         let (objects, pairs) = (objects.join(","), pairs.join(","));
         for text in [

@@ -119,7 +119,10 @@ mod tests {
         assert_eq!((tip.x, tip.y, tip.visible), (30.5, 61.0, true));
         assert_eq!(tlms.landmarks.len(), SIXTY_EIGHT.len());
         let five = Tlms::parse_pts(&file(5)).unwrap().landmarks;
-        assert_eq!((five[3].id.as_str(), five[3].x, five[3].y), ("right.eye.corner_inner", 3.5, 7.0));
+        assert_eq!(
+            (five[3].id.as_str(), five[3].x, five[3].y),
+            ("right.eye.corner_inner", 3.5, 7.0)
+        );
     }
 
     #[test]
