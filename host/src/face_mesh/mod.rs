@@ -1,6 +1,6 @@
 //! Landmarks of faces in photos, found by MediaPipe's two networks.
 //!
-//! The same bits on every machine: the networks' sums have one order ([`network`]), and what is around them
+//! The same bits on every machine: the networks' sums have one order, and what is around them
 //! goes through the core's mathematics.
 
 mod detect;
@@ -330,7 +330,7 @@ mod tests {
         for _ in 0..400 {
             let mut damaged = detector.clone();
             // Most of a file are weights; what says where things are stands at the end.
-            for _ in 0..1 + rng.below(4) {
+            for _ in 0..=rng.below(4) {
                 let at = tables[tables.len() - 1 - rng.below(6000) as usize];
                 damaged[at + rng.below(4) as usize] = rng.below(256) as u8;
             }

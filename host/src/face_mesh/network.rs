@@ -158,7 +158,8 @@ impl Network {
                 if tensors[*output].shape != tensors[*from].shape {
                     return Err("a constant changes its shape");
                 }
-                tensors[*output].floats = tensors[*from].floats.clone();
+                let constant = tensors[*from].floats.clone();
+                tensors[*output].floats = constant;
             }
         }
         let mut shapes = Vec::with_capacity(tensors.len());
@@ -619,9 +620,10 @@ mod tests {
                 let first = if depthwise { 1 } else { to[2] };
                 let weights = constant([first, window[0], window[1], from[2]], &mut rng);
                 let bias = constant([1, 1, 1, to[2]], &mut rng);
-                let kind = match depthwise {
-                    true => Kind::Depthwise { padding, strides },
-                    false => Kind::Convolution { padding, strides },
+                let kind = if depthwise {
+                    Kind::Depthwise { padding, strides }
+                } else {
+                    Kind::Convolution { padding, strides }
                 };
                 let expected =
                     by_definition(&input, [from, to], (&weights, &bias), strides, depthwise);

@@ -233,7 +233,6 @@ mod tests {
         let text = std::fs::read_to_string(place.join("scans.json")).unwrap();
         let truths: serde_json::Value = serde_json::from_str(&text).unwrap();
         let mut all = Vec::new();
-        let mut by_name: std::collections::BTreeMap<String, Vec<f64>> = Default::default();
         for (i, truth) in truths.as_array().unwrap().iter().enumerate() {
             let mesh = ply::read(&place.join(format!("scan_{i:02}.ply"))).unwrap();
             let found = find(&mesh).unwrap();
@@ -242,9 +241,7 @@ mod tests {
                 let truth = &truth["landmarks"][&mark.name];
                 let squared =
                     (0..3).map(|k| (mark.coordinates[k] - truth[k].as_f64().unwrap()).powi(2));
-                let error = squared.sum::<f64>().sqrt();
-                by_name.entry(mark.name.clone()).or_default().push(error);
-                error
+                squared.sum::<f64>().sqrt()
             });
             let mut errors: Vec<f64> = errors.collect();
             errors.sort_by(f64::total_cmp);
@@ -252,10 +249,6 @@ mod tests {
             println!("scan {i}: median {median:.2} mm, most {:.1}", errors[errors.len() - 1]);
             assert!(median < 4.0, "scan {i}: {median}");
             all.extend(errors);
-        }
-        for (name, mut errors) in by_name {
-            errors.sort_by(f64::total_cmp);
-            println!("{name:40} {:.1} {:.1}", errors[errors.len() / 2], errors[errors.len() - 1]);
         }
         all.sort_by(f64::total_cmp);
         println!("all: median {:.2} mm", all[all.len() / 2]);

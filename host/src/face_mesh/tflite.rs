@@ -44,8 +44,7 @@ impl<'a> Table<'a> {
     /// Where a field is, if it is not at its default.
     fn field(&self, number_of: usize) -> Result<Option<usize>, Fault> {
         let back = i32::from_le_bytes(number(self.bytes, self.at)?);
-        let fields = self.at as i64 - i64::from(back);
-        let fields = usize::try_from(fields).map_err(|_| TRUNCATED)?;
+        let fields = self.at.checked_add_signed((back as isize).wrapping_neg()).ok_or(TRUNCATED)?;
         let size = u16::from_le_bytes(number(self.bytes, fields)?) as usize;
         let entry = 4 + 2 * number_of;
         if entry + 2 > size {

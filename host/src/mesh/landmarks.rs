@@ -4,9 +4,11 @@
 mod foreign;
 
 use crate::error::{Error, Result};
+#[cfg(feature = "full")]
 use crate::files::read_text;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
+#[cfg(feature = "full")]
 use std::path::Path;
 
 /// How far a landmark given by coordinates may lie from the nearest vertex, millimetres.

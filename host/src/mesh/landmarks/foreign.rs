@@ -3,15 +3,22 @@
 
 use super::Point;
 use crate::error::{Error, Result};
+use crate::files::has_extension;
 use serde::Deserialize;
 use std::path::Path;
 
 /// The points of a file, if its name is one of these programs'.
 pub(super) fn points(path: &Path, text: &str) -> Option<Result<Vec<Point>>> {
-    let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
-    let parsers: [(&str, fn(&str) -> Result<Vec<Point>>); 3] =
-        [(".pp", picked), (".mrk.json", markups), (".fcsv", fiducials)];
-    parsers.into_iter().find(|(end, _)| name.ends_with(end)).map(|(_, parse)| parse(text))
+    let markup = path.file_stem().is_some_and(|stem| has_extension(Path::new(stem), &["mrk"]));
+    if has_extension(path, &["pp"]) {
+        Some(picked(text))
+    } else if has_extension(path, &["json"]) && markup {
+        Some(markups(text))
+    } else if has_extension(path, &["fcsv"]) {
+        Some(fiducials(text))
+    } else {
+        None
+    }
 }
 
 fn point(id: &str, coordinates: [f64; 3]) -> Point {
