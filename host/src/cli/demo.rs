@@ -90,7 +90,7 @@ impl Demo {
             let photo = PhotoNames { image: subject.file.into(), landmarks: tlms, mask: None };
             let names = Names { model: "face.3dmm".into(), given: None, photos: vec![photo] };
             let result = output::finish(&job, &fit, &names, 0)?;
-            output::write(&directory, &result)?;
+            output::write(&directory, &result, Vec::new())?;
             console.say(output::closing_line(&result.summary));
             results.push((result, subject.about));
         }

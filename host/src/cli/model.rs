@@ -5,7 +5,7 @@ use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::files::{has_extension, read_text, write_atomically};
 use onescan::interchange::Format;
-use onescan::interchange::mixture::{Mixture, is_mixture};
+use onescan::interchange::mixture::Mixture;
 use onescan::mesh::landmarks::{self, Point};
 use onescan::mesh::ply::{self, Encoding};
 use onescan::model::morphable::Morphable;
@@ -223,8 +223,8 @@ fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
 
 impl Project {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
-        self.coefficients.as_deref().map_or(Ok(()), output_file)?;
+        output_file(&self.output, &["ply"])?;
+        self.coefficients.as_deref().map_or(Ok(()), |path| output_file(path, &["json"]))?;
         let (model, mesh) = (read_model(console, &self.model)?, ply::read(&self.mesh)?);
         let variance = self.noise.map(|deviation| deviation * deviation);
         let [shape, albedo] =
@@ -420,13 +420,7 @@ impl Occlusion {
 
 impl Mix {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
-        if !is_mixture(&self.output) {
-            return Err(Error::file(
-                &self.output,
-                "a mixture's name ends in .toml; give such a one",
-            ));
-        }
+        output_file(&self.output, &["toml"])?;
         let weights = match &self.weights[..] {
             [] => vec![1.0; self.models.len()],
             given if given.len() == self.models.len() => given.to_vec(),

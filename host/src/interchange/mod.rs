@@ -7,7 +7,7 @@ pub mod mixture;
 pub mod statismo;
 
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
+use crate::files::{self, write_atomically};
 use crate::model::morphable::{Import, Morphable};
 use crate::model_file::OwnedModel;
 use hdf5::{BinaryFile, JsonFile};
@@ -57,7 +57,7 @@ pub fn read(path: &Path) -> Result<Import> {
             Ok(Import { model: Morphable::of(&file.view()), notes: Vec::new() })
         }
         format => {
-            let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+            let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
             parse(format, bytes).map_err(fault)
         }
     }

@@ -62,7 +62,7 @@ impl Uncertainty {
 struct Entry {
     id: String,
     vertex: Option<u64>,
-    coordinates: Option<[f32; 3]>,
+    coordinates: Option<[f64; 3]>,
     uncertainty: Option<Uncertainty>,
 }
 
@@ -77,8 +77,21 @@ fn entries(text: &str) -> Result<Vec<Entry>> {
 /// # Errors
 /// When the file cannot be read, and those of [`parse`]; they name the file.
 pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
+    read_moved(path, points, [0.0; 3], millimetres)
+}
+
+/// [`read`] for a scan from whose coordinates `origin` was subtracted, from those of the file not.
+///
+/// # Errors
+/// See [`read`].
+pub fn read_moved(
+    path: &Path,
+    points: &[[f32; 3]],
+    origin: [f64; 3],
+    millimetres: f32,
+) -> Result<Vec<Landmark>> {
     let text = read_text(path)?;
-    parse(&text, points, millimetres).map_err(|e| Error::file(path, e))
+    found(&text, points, origin, millimetres).map_err(|e| Error::file(path, e))
 }
 
 /// Parses landmarks: a JSON array of `{"id", "vertex"?, "coordinates": [x, y, z]?, …}`.
@@ -90,6 +103,15 @@ pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
 /// Malformed JSON (with line and column), empty or repeated names, a vertex out of range,
 /// coordinates that are not finite or farther than [`MAX_DISTANCE`] from every vertex.
 pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
+    found(text, points, [0.0; 3], millimetres)
+}
+
+fn found(
+    text: &str,
+    points: &[[f32; 3]],
+    origin: [f64; 3],
+    millimetres: f32,
+) -> Result<Vec<Landmark>> {
     let entries = entries(text)?;
     let mut names = HashSet::new();
     let mut landmarks = Vec::new();
@@ -103,6 +125,7 @@ pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
         let vertex = match (entry.vertex, entry.coordinates) {
             (Some(vertex), _) => usize::try_from(vertex).unwrap_or(usize::MAX),
             (None, Some(at)) => {
+                let at = std::array::from_fn(|i| (at[i] - origin[i]) as f32);
                 let (vertex, distance) = nearest(points, at);
                 let distance = distance * millimetres;
                 // Not `>`: a distance that is not a number is too far as well.
