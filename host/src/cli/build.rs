@@ -167,7 +167,7 @@ impl Build {
             if let Some(path) = &self.landmarks {
                 model.uncertainties = landmarks::read_uncertainties(path)?;
             }
-            write_model(console, &self.output, &model)?;
+            write_model(console, &self.scan.path, &self.output, &model)?;
         }
         if landmarks.is_empty() {
             console.say("no --landmarks: the model can be sampled and rendered, but not fitted");

@@ -53,6 +53,6 @@ impl Convert {
             let vertices = model.shape.vertices();
             model.expression.get_or_insert_with(|| Process::zero(vertices));
         }
-        write_model(console, &self.output, &model)
+        write_model(console, &self.model, &self.output, &model)
     }
 }

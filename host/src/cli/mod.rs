@@ -191,9 +191,10 @@ fn read_model(console: Console, path: &Path) -> Result<Morphable> {
     Ok(model)
 }
 
-/// Writes a model in the format of the file's name; says what that cannot carry.
-fn write_model(console: Console, path: &Path, model: &Morphable) -> Result<()> {
-    interchange::write(model, path)?;
+/// Writes a model that was made of a file, in the format of the name of another; says what that cannot
+/// carry.
+fn write_model(console: Console, from: &Path, path: &Path, model: &Morphable) -> Result<()> {
+    interchange::write(model, from, path)?;
     for lost in interchange::lost(model, Format::of(path)) {
         console.say(format_args!("not in this format: {lost}"));
     }

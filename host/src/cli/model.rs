@@ -207,8 +207,8 @@ impl Model {
     }
 }
 
-/// Writes a model and says what it holds.
-fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
+/// Writes a model that was made of a file, and says what it holds.
+fn write(console: Console, from: &Path, path: &Path, model: &Morphable) -> Result<()> {
     let variance = |process: &Process| process.held() / process.vertices() as f64;
     console.say(format_args!(
         "{} vertices; shape: {} components, {:.3} mm² per vertex; albedo: {} components, {:.5}",
@@ -218,7 +218,7 @@ fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
         model.albedo.rank(),
         variance(&model.albedo)
     ));
-    write_model(console, path, model)
+    write_model(console, from, path, model)
 }
 
 impl Project {
@@ -335,7 +335,7 @@ impl Posterior {
         let mut posterior = model.posterior(&shape, &albedo)?;
         posterior.provenance =
             with_line(&posterior.provenance, "posterior_of", &sources.join(", "));
-        write(console, &self.output, &posterior)
+        write(console, &self.model, &self.output, &posterior)
     }
 
     fn observation(&self, model: &Morphable, position: &Point) -> Result<Observation> {
@@ -358,7 +358,7 @@ impl Region {
         let mut region = model.region(|v| part[v as usize])?.orthonormal()?;
         let from = format!("{} of {} vertices", region.shape.vertices(), part.len());
         region.provenance = with_line(&region.provenance, "region_of", &from);
-        write(console, &self.output, &region)
+        write(console, &self.model, &self.output, &region)
     }
 }
 
@@ -368,7 +368,7 @@ impl Recentre {
         let (model, mesh) = (read_model(console, &self.model)?, ply::read(&self.mesh)?);
         let mut moved = model.about(&mesh).map_err(|e| Error::file(&self.mesh, e))?;
         moved.provenance = with_line(&moved.provenance, "mean", &file_name(&self.mesh));
-        write(console, &self.output, &moved)
+        write(console, &self.model, &self.output, &moved)
     }
 }
 
@@ -382,7 +382,7 @@ impl Augment {
             "the means are {:.2} mm apart (root mean square)",
             model.mean_distance(&other)
         ));
-        write(console, &self.output, &both)
+        write(console, &self.model, &self.output, &both)
     }
 }
 
@@ -414,7 +414,7 @@ impl Occlusion {
         console.say(format_args!("hidden with probability {mean:.2}, vertices' average"));
         model.occlusion = Some(map);
         model.provenance = with_line(&model.provenance, "occlusion_map", &file_name(&self.map));
-        write(console, &self.output, &model)
+        write(console, &self.model, &self.output, &model)
     }
 }
 
@@ -463,7 +463,7 @@ impl Pca {
         };
         let unnamed = landmarks.is_empty();
         let model = Morphable::of_meshes(&meshes, landmarks)?;
-        write(console, &self.output, &model)?;
+        write(console, &paths[0], &self.output, &model)?;
         if unnamed {
             console.say("no --landmarks: the model can be sampled and rendered, but not fitted");
         }

@@ -18,7 +18,7 @@ pub(crate) fn settled(points: &[[f64; 3]]) -> (Vec<[f32; 3]>, [f64; 3]) {
     // Half a unit in the last of the 24 binary digits.
     let error = largest * f64::from(f32::EPSILON) / 2.0;
     // A number that a person can write down.
-    let places = 10.0_f64.powf((3.0 - diagonal.log10()).ceil());
+    let places = 10.0_f64.powi((3.0 - diagonal.log10()).ceil() as i32);
     let centre: [f64; 3] =
         std::array::from_fn(|i| (f64::midpoint(low[i], high[i]) * places).round() / places);
     if !(error > ERROR * diagonal && diagonal > 0.0 && centre.iter().all(|c| c.is_finite()))
