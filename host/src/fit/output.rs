@@ -3,7 +3,7 @@
 use super::{Fit, Job, Schedule, landmarks};
 use crate::error::{Error, Result};
 #[cfg(feature = "full")]
-use crate::files;
+use crate::files::publish;
 use crate::fit::rps::Rps;
 use crate::fit::summary::{
     BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summaries, Summary, hex,
@@ -408,7 +408,7 @@ pub fn write(
     more.sort_by_key(|(name, _)| *name == own);
     let mut gone = stale(&result.summary, result.pictures.masked.is_some());
     gone.extend(["report.html", other]);
-    files::publish(directory, &more, &gone)
+    publish(directory, &more, &gone)
 }
 
 /// Writes what fits to several photos leave behind, each fit's [`files`] to a folder of its own, and
@@ -438,7 +438,7 @@ pub fn write_all(
         gone.extend(stale(&first.summary, false).into_iter().map(String::from));
     }
     gone.extend(["report.html", single].map(String::from));
-    files::publish(directory, &all, &gone)
+    publish(directory, &all, &gone)
 }
 
 /// What an earlier fit may have left in a directory and this one does not write.
