@@ -64,7 +64,8 @@ pub fn mesh(data: &[u8], format: Format) {
     let options = Options { color: Some([0.5; 3]), ..Options::default() };
     // Where no file lies that the bytes could name.
     let path = Path::new("/nonexistent/mesh");
-    let Ok(mesh) = mesh_file::parse(path, data, format, &options) else { return };
+    let Ok(scan) = mesh_file::parse(path, data, format, &options) else { return };
+    let mesh = scan.mesh;
     let vertices = mesh.points.len();
     assert!(vertices > 0 && mesh.colors.len() == vertices && !mesh.triangles.is_empty());
     assert!(mesh.triangles.as_flattened().iter().all(|&v| (v as usize) < vertices));

@@ -89,6 +89,18 @@ typedef enum {
    Too little memory.
    */
   ONESCAN_STATUS_MEMORY,
+  /*
+   A pointer to something that does not lie at a multiple of its alignment.
+   */
+  ONESCAN_STATUS_MISALIGNED,
+  /*
+   The fit was never started, or its last start failed.
+   */
+  ONESCAN_STATUS_NOT_STARTED,
+  /*
+   More of something than memory can hold.
+   */
+  ONESCAN_STATUS_COUNT,
 } OnescanStatus;
 
 /*
@@ -133,17 +145,18 @@ typedef struct {
    */
   float pixel_patch;
   /*
-   Whether the chain also solves for the light in closed form; otherwise it samples its posterior.
+   Whether (0: no) the chain also solves for the light in closed form; otherwise it samples its
+   posterior.
    */
-  bool search;
+  uint8_t search;
   /*
    Whether memory is scarcer than time: the chain then takes less than half of it, same result.
    */
-  bool lean;
+  uint8_t lean;
   /*
    Whether something may hide the face, for a search for the mode.
    */
-  bool occlusion;
+  uint8_t occlusion;
 } OnescanSettings;
 
 /*
@@ -173,7 +186,8 @@ typedef struct {
 } OnescanModelInfo;
 
 /*
- A chain. Allocate it anywhere and do not move it between calls.
+ A chain. Allocate it anywhere and do not move it between calls. If it is zero, as static memory
+ is, or its last start failed, it counts as never started: calls say so.
  */
 typedef struct {
   /*
@@ -201,7 +215,8 @@ typedef struct {
 } OnescanLandmark;
 
 /*
- A search for the mode. Allocate it anywhere and do not move it between calls.
+ A search for the mode. Allocate it anywhere and do not move it between calls. What is said of a chain
+ that was never started holds here, too.
  */
 typedef struct {
   /*
@@ -355,7 +370,7 @@ OnescanSettings onescan_default_settings(void);
 OnescanStatus onescan_model_info(const uint8_t *model, size_t bytes, OnescanModelInfo *info);
 
 /*
- Words (4 bytes) of memory of a chain. 0 if a pointer is null.
+ Words (4 bytes) of memory of a chain. 0 if a pointer is null, or if that is more than there can be.
 
  # Safety
  `info` and `settings` point to what they say or are null.
@@ -367,7 +382,7 @@ size_t onescan_words(const OnescanModelInfo *info,
                      uint32_t height);
 
 /*
- Words (4 bytes) of memory of a search for the mode. 0 if a pointer is null.
+ Words (4 bytes) of memory of a search for the mode. 0 as of onescan_words().
 
  # Safety
  `info` and `settings` point to what they say or are null.
@@ -421,7 +436,7 @@ OnescanStatus onescan_search_start(OnescanSearch *search,
  Makes up to `steps` steps; how many it made. 0: the chain is done.
 
  # Safety
- `fit` is null or was started, with OnescanStatus::Ok.
+ `fit` is null, zero or was started.
  */
 uint32_t onescan_step(OnescanFit *fit, uint32_t steps);
 
@@ -430,7 +445,7 @@ uint32_t onescan_step(OnescanFit *fit, uint32_t steps);
  some dozens of renderings.
 
  # Safety
- `search` is null or was started, with OnescanStatus::Ok.
+ `search` is null, zero or was started.
  */
 uint32_t onescan_search_step(OnescanSearch *search, uint32_t steps);
 
@@ -438,16 +453,15 @@ uint32_t onescan_search_step(OnescanSearch *search, uint32_t steps);
  How far a chain is.
 
  # Safety
- `fit` is null or was started, with OnescanStatus::Ok; `progress` points to a OnescanProgress or is null.
+ `fit` is null, zero or was started; `progress` points to a OnescanProgress or is null.
  */
-OnescanStatus onescan_progress(OnescanFit *fit,
-                               OnescanProgress *progress);
+OnescanStatus onescan_progress(OnescanFit *fit, OnescanProgress *progress);
 
 /*
  How far a search is.
 
  # Safety
- `search` is null or was started, with OnescanStatus::Ok; `progress` points to a
+ `search` is null, zero or was started; `progress` points to a
  OnescanSearchProgress or is null.
  */
 OnescanStatus onescan_search_progress(OnescanSearch *search, OnescanSearchProgress *progress);
@@ -456,7 +470,7 @@ OnescanStatus onescan_search_progress(OnescanSearch *search, OnescanSearchProgre
  What a search has found so far.
 
  # Safety
- `search` is null or was started, with OnescanStatus::Ok; `scene` points to a OnescanScene or is
+ `search` is null, zero or was started; `scene` points to a OnescanScene or is
  null.
  */
 OnescanStatus onescan_search_scene(OnescanSearch *search, OnescanScene *scene);
@@ -467,7 +481,7 @@ OnescanStatus onescan_search_scene(OnescanSearch *search, OnescanScene *scene);
  search. Null if the search is.
 
  # Safety
- `search` is null or was started, with OnescanStatus::Ok.
+ `search` is null, zero or was started.
  */
 const float *onescan_search_mask(OnescanSearch *search);
 

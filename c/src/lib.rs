@@ -51,6 +51,12 @@ pub enum OnescanStatus {
     Config,
     /// Too little memory.
     Memory,
+    /// A pointer to something that does not lie at a multiple of its alignment.
+    Misaligned,
+    /// The fit was never started, or its last start failed.
+    NotStarted,
+    /// More of something than memory can hold.
+    Count,
 }
 
 /// The most landmarks a fit takes.
@@ -116,12 +122,13 @@ pub struct OnescanSettings {
     /// Pixels that share one independent error; the default is for pictures of about 256, elsewhere it
     /// grows as the picture's area.
     pub pixel_patch: f32,
-    /// Whether the chain also solves for the light in closed form; otherwise it samples its posterior.
-    pub search: bool,
+    /// Whether (0: no) the chain also solves for the light in closed form; otherwise it samples its
+    /// posterior.
+    pub search: u8,
     /// Whether memory is scarcer than time: the chain then takes less than half of it, same result.
-    pub lean: bool,
+    pub lean: u8,
     /// Whether something may hide the face, for a search for the mode.
-    pub occlusion: bool,
+    pub occlusion: u8,
 }
 
 /// How far a chain is, and how good.
@@ -191,14 +198,16 @@ pub struct OnescanScene {
     pub albedo: [f32; ONESCAN_MAX_RANK],
 }
 
-/// A chain. Allocate it anywhere and do not move it between calls.
+/// A chain. Allocate it anywhere and do not move it between calls. If it is zero, as static memory
+/// is, or its last start failed, it counts as never started: calls say so.
 #[repr(C)]
 pub struct OnescanFit {
     /// The library's.
     pub storage: [u64; ONESCAN_FIT_LENGTH],
 }
 
-/// A search for the mode. Allocate it anywhere and do not move it between calls.
+/// A search for the mode. Allocate it anywhere and do not move it between calls. What is said of a chain
+/// that was never started holds here, too.
 #[repr(C)]
 pub struct OnescanSearch {
     /// The library's.
@@ -208,11 +217,16 @@ pub struct OnescanSearch {
 /// What is in the caller's storage: the inference borrows from the rest, which therefore must stay
 /// where it is.
 struct Running<I> {
+    /// [`STARTED`], if the rest is good.
+    mark: u64,
     model: Model<'static>,
     config: Config,
     observations: [Observation<'static>; MAX_LANDMARKS],
     inference: Result<I, ChainError>,
 }
+
+/// Stands in storage that holds a running inference: not zero, and unlikely to be there by chance.
+const STARTED: u64 = 0x1c3a_95d2_0e7b_64f9;
 
 type Fit = Running<Chain<'static, 'static>>;
 type Search = Running<ModeSearch<'static, 'static>>;
@@ -241,6 +255,9 @@ pub extern "C" fn onescan_status_text(status: u32) -> *const c_char {
         c"a fit infers at most 200 coefficients of each kind",
         c"a standard deviation is not positive",
         c"too little memory; onescan_words() and onescan_search_words() say how much is needed",
+        c"a pointer is not aligned for what it points to",
+        c"the fit was never started, or its last start failed",
+        c"more of something than memory can hold",
     ];
     let text = texts.get(status as usize).copied();
     text.unwrap_or(c"not a status of this library").as_ptr()
@@ -260,9 +277,9 @@ pub extern "C" fn onescan_default_settings() -> OnescanSettings {
         landmark_sd: config.landmark_sd,
         pixel_sd: config.pixel_sd,
         pixel_patch: config.pixel_patch,
-        search: config.search,
-        lean: false,
-        occlusion: true,
+        search: u8::from(config.search),
+        lean: 0,
+        occlusion: 1,
     }
 }
 
@@ -276,8 +293,8 @@ pub unsafe extern "C" fn onescan_model_info(
     bytes: usize,
     info: *mut OnescanModelInfo,
 ) -> OnescanStatus {
-    if model.is_null() || info.is_null() {
-        return OnescanStatus::Null;
+    if let Err(status) = check(model, bytes).and_then(|()| check(info, 1)) {
+        return status;
     }
     // SAFETY: as the caller promises.
     let (model, info) = unsafe { (slice::from_raw_parts(model, bytes), &mut *info) };
@@ -296,7 +313,7 @@ pub unsafe extern "C" fn onescan_model_info(
     }
 }
 
-/// Words (4 bytes) of memory of a chain. 0 if a pointer is null.
+/// Words (4 bytes) of memory of a chain. 0 if a pointer is null, or if that is more than there can be.
 ///
 /// # Safety
 /// `info` and `settings` point to what they say or are null.
@@ -312,7 +329,7 @@ pub unsafe extern "C" fn onescan_words(
     unsafe { dimensions(info, settings, landmarks, width, height) }.map_or(0, |d| d.words())
 }
 
-/// Words (4 bytes) of memory of a search for the mode. 0 if a pointer is null.
+/// Words (4 bytes) of memory of a search for the mode. 0 as of onescan_words().
 ///
 /// # Safety
 /// `info` and `settings` point to what they say or are null.
@@ -326,13 +343,13 @@ pub unsafe extern "C" fn onescan_search_words(
 ) -> usize {
     // SAFETY: as the caller promises.
     unsafe {
-        let triangles = info.as_ref().map_or(0, |info| info.triangles as usize);
         let dimensions = dimensions(info, settings, landmarks, width, height);
-        dimensions.map_or(0, |d| words_for(&d, triangles))
+        dimensions.map_or(0, |d| words_for(&d, (*info).triangles as usize))
     }
 }
 
-/// The sizes that determine a fit's memory; `None` if a pointer is null.
+/// The sizes that determine a fit's memory; `None` if a pointer is null, or for sizes whose memory could
+/// not be counted.
 ///
 /// # Safety
 /// `info` and `settings` point to what they say or are null.
@@ -343,8 +360,15 @@ unsafe fn dimensions(
     width: u32,
     height: u32,
 ) -> Option<Dimensions> {
+    check(info, 1).and_then(|()| check(settings, 1)).ok()?;
     // SAFETY: as the caller promises.
-    let (info, settings) = unsafe { (info.as_ref()?, settings.as_ref()?) };
+    let (info, settings) = unsafe { (&*info, &*settings) };
+    let pixels = (width as usize).checked_mul(height as usize)?;
+    // Each with more words than one of them takes; of all four there is room for a sum.
+    let [vertices, triangles] = [info.vertices as usize, info.triangles as usize];
+    for (count, words) in [(pixels, 64), (vertices, 2048), (triangles, 16), (landmarks, 2048)] {
+        count.checked_mul(words * 4 * size_of::<u32>())?;
+    }
     Some(Dimensions {
         vertices: info.vertices as usize,
         shape_rank: settings.shape_rank.min(info.shape_rank) as usize,
@@ -352,7 +376,7 @@ unsafe fn dimensions(
         landmarks,
         width: width as usize,
         height: height as usize,
-        lean: settings.lean,
+        lean: settings.lean != 0,
     })
 }
 
@@ -389,7 +413,7 @@ pub unsafe extern "C" fn onescan_start(
         inputs.start(fit.cast::<Fit>(), |problem, settings, memory| {
             let problem = problem
                 .with_schedule(Schedule::of(problem.photo.landmarks))
-                .with_lean(settings.lean);
+                .with_lean(settings.lean != 0);
             Chain::new(problem, settings.seed, 0, memory)
         })
     }
@@ -426,8 +450,8 @@ pub unsafe extern "C" fn onescan_search_start(
     // SAFETY: as in `onescan_start`.
     unsafe {
         inputs.start(search.cast::<Search>(), |problem, settings, memory| {
-            let options = Options { occlusion: settings.occlusion, ..Options::default() };
-            ModeSearch::new(problem.with_lean(settings.lean), options, memory)
+            let options = Options { occlusion: settings.occlusion != 0, ..Options::default() };
+            ModeSearch::new(problem.with_lean(settings.lean != 0), options, memory)
         })
     }
 }
@@ -443,7 +467,8 @@ struct Inputs {
 }
 
 impl Inputs {
-    /// Checks and converts it, and begins an inference in `place`.
+    /// Checks and converts it, and begins an inference in `place`, where an older one ends whatever
+    /// becomes of this.
     ///
     /// # Safety
     /// Pointers point to as many things as the numbers beside them say, or are null.
@@ -457,13 +482,22 @@ impl Inputs {
         ) -> Result<I, ChainError>,
     ) -> OnescanStatus {
         let Self { model, rgb, size: [width, height], landmarks, settings, memory } = self;
-        let null = place.is_null() || model.0.is_null() || rgb.is_null() || memory.0.is_null();
-        if null || landmarks.0.is_null() || settings.is_null() {
-            return OnescanStatus::Null;
+        if let Err(status) = check(place, 1) {
+            return status;
         }
+        // SAFETY: it is there and aligned.
+        unsafe { (&raw mut (*place).mark).write(0) };
         let Some(pixels) = (width as usize).checked_mul(height as usize) else {
-            return OnescanStatus::Image;
+            return OnescanStatus::Count;
         };
+        let checked = check(model.0, model.1)
+            .and_then(|()| check(rgb.cast::<[u8; 3]>(), pixels))
+            .and_then(|()| check(landmarks.0, landmarks.1))
+            .and_then(|()| check(settings, 1))
+            .and_then(|()| check(memory.0, memory.1));
+        if let Err(status) = checked {
+            return status;
+        }
         // SAFETY: as the caller promises, for as long as the fit is used.
         let (model, pixels, landmarks, settings, memory) = unsafe {
             (
@@ -501,7 +535,7 @@ impl Inputs {
             config.landmark_sd = settings.landmark_sd;
             config.pixel_sd = settings.pixel_sd;
             config.pixel_patch = settings.pixel_patch;
-            config.search = settings.search;
+            config.search = settings.search != 0;
         });
         // SAFETY: `place` is large enough and aligned. Its fields are written before they are
         // borrowed, and stay where they are, as the caller promises.
@@ -514,21 +548,38 @@ impl Inputs {
             let problem = Problem::new(&(*place).model, image, landmarks, &(*place).config);
             (&raw mut (*place).inference).write(begin(problem, &settings, memory));
             match &(*place).inference {
-                Ok(_) => OnescanStatus::Ok,
+                Ok(_) => {
+                    (&raw mut (*place).mark).write(STARTED);
+                    OnescanStatus::Ok
+                }
                 Err(error) => chain_status(*error),
             }
         }
     }
 }
 
+/// Whether so many things can lie at a pointer: it is not null, aligned for them, and they are no more
+/// than memory can hold.
+fn check<T>(place: *const T, count: usize) -> Result<(), OnescanStatus> {
+    if place.is_null() {
+        Err(OnescanStatus::Null)
+    } else if !place.is_aligned() {
+        Err(OnescanStatus::Misaligned)
+    } else if count.checked_mul(size_of::<T>()).is_none_or(|bytes| bytes > isize::MAX as usize) {
+        Err(OnescanStatus::Count)
+    } else {
+        Ok(())
+    }
+}
+
 /// Makes up to `steps` steps; how many it made. 0: the chain is done.
 ///
 /// # Safety
-/// `fit` is null or was started, with OnescanStatus::Ok.
+/// `fit` is null, zero or was started.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn onescan_step(fit: *mut OnescanFit, steps: u32) -> u32 {
     // SAFETY: as the caller promises.
-    let Some(chain) = (unsafe { inference(fit.cast::<Fit>()) }) else { return 0 };
+    let Ok(chain) = (unsafe { inference(fit.cast::<Fit>()) }) else { return 0 };
     let mut done = 0;
     while done < steps && chain.step().is_some() {
         done += 1;
@@ -540,11 +591,11 @@ pub unsafe extern "C" fn onescan_step(fit: *mut OnescanFit, steps: u32) -> u32 {
 /// some dozens of renderings.
 ///
 /// # Safety
-/// `search` is null or was started, with OnescanStatus::Ok.
+/// `search` is null, zero or was started.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn onescan_search_step(search: *mut OnescanSearch, steps: u32) -> u32 {
     // SAFETY: as the caller promises.
-    let Some(search) = (unsafe { inference(search.cast::<Search>()) }) else { return 0 };
+    let Ok(search) = (unsafe { inference(search.cast::<Search>()) }) else { return 0 };
     let mut done = 0;
     while done < steps && search.step().is_some() {
         done += 1;
@@ -555,19 +606,18 @@ pub unsafe extern "C" fn onescan_search_step(search: *mut OnescanSearch, steps: 
 /// How far a chain is.
 ///
 /// # Safety
-/// `fit` is null or was started, with OnescanStatus::Ok; `progress` points to a OnescanProgress or is null.
+/// `fit` is null, zero or was started; `progress` points to a OnescanProgress or is null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn onescan_progress(
     fit: *mut OnescanFit,
     progress: *mut OnescanProgress,
 ) -> OnescanStatus {
     // SAFETY: as the caller promises.
-    let (Some(running), Some(progress)) =
-        (unsafe { (fit.cast::<Fit>().as_ref(), progress.as_mut()) })
-    else {
-        return OnescanStatus::Null;
+    let result = unsafe { borrowed(fit.cast::<Fit>(), progress) };
+    let (running, chain, progress) = match result {
+        Ok(all) => all,
+        Err(status) => return status,
     };
-    let Ok(chain) = &running.inference else { return OnescanStatus::Null };
     let (done, total) = chain.progress();
     let best = chain.best().density.posterior(&running.config);
     *progress = OnescanProgress { done, total, fingerprint: chain.fingerprint(), best };
@@ -577,7 +627,7 @@ pub unsafe extern "C" fn onescan_progress(
 /// How far a search is.
 ///
 /// # Safety
-/// `search` is null or was started, with OnescanStatus::Ok; `progress` points to a
+/// `search` is null, zero or was started; `progress` points to a
 /// OnescanSearchProgress or is null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn onescan_search_progress(
@@ -585,10 +635,9 @@ pub unsafe extern "C" fn onescan_search_progress(
     progress: *mut OnescanSearchProgress,
 ) -> OnescanStatus {
     // SAFETY: as the caller promises.
-    let (Some(search), Some(progress)) =
-        (unsafe { (inference(search.cast::<Search>()), progress.as_mut()) })
-    else {
-        return OnescanStatus::Null;
+    let (_, search, progress) = match unsafe { borrowed(search.cast::<Search>(), progress) } {
+        Ok(all) => all,
+        Err(status) => return status,
     };
     *progress = OnescanSearchProgress {
         done: search.iterations(),
@@ -604,7 +653,7 @@ pub unsafe extern "C" fn onescan_search_progress(
 /// What a search has found so far.
 ///
 /// # Safety
-/// `search` is null or was started, with OnescanStatus::Ok; `scene` points to a OnescanScene or is
+/// `search` is null, zero or was started; `scene` points to a OnescanScene or is
 /// null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn onescan_search_scene(
@@ -612,10 +661,9 @@ pub unsafe extern "C" fn onescan_search_scene(
     scene: *mut OnescanScene,
 ) -> OnescanStatus {
     // SAFETY: as the caller promises.
-    let (Some(search), Some(to)) =
-        (unsafe { (inference(search.cast::<Search>()), scene.as_mut()) })
-    else {
-        return OnescanStatus::Null;
+    let (_, search, to) = match unsafe { borrowed(search.cast::<Search>(), scene) } {
+        Ok(all) => all,
+        Err(status) => return status,
     };
     let Scene { subject: Subject { shape, albedo }, view } = search.scene();
     let View { pose, camera, light, color } = view;
@@ -652,7 +700,7 @@ pub unsafe extern "C" fn onescan_search_scene(
 /// search. Null if the search is.
 ///
 /// # Safety
-/// `search` is null or was started, with OnescanStatus::Ok.
+/// `search` is null, zero or was started.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn onescan_search_mask(search: *mut OnescanSearch) -> *const f32 {
     // SAFETY: as the caller promises.
@@ -675,9 +723,12 @@ pub unsafe extern "C" fn onescan_draw(
 ) -> OnescanStatus {
     // SAFETY: as the caller promises.
     unsafe {
-        let Some(running) = fit.cast::<Fit>().as_ref() else { return OnescanStatus::Null };
-        let Ok(chain) = &running.inference else { return OnescanStatus::Null };
-        draw_scene(&running.model, &chain.best().scene, colors, memory, memory_words)
+        match borrowed(fit.cast::<Fit>(), colors) {
+            Ok((running, chain, _)) => {
+                draw_scene(&running.model, &chain.best().scene, colors, memory, memory_words)
+            }
+            Err(status) => status,
+        }
     }
 }
 
@@ -694,9 +745,12 @@ pub unsafe extern "C" fn onescan_search_draw(
 ) -> OnescanStatus {
     // SAFETY: as the caller promises.
     unsafe {
-        let Some(running) = search.cast::<Search>().as_ref() else { return OnescanStatus::Null };
-        let Ok(search) = &running.inference else { return OnescanStatus::Null };
-        draw_scene(&running.model, &search.scene(), colors, memory, memory_words)
+        match borrowed(search.cast::<Search>(), colors) {
+            Ok((running, search, _)) => {
+                draw_scene(&running.model, &search.scene(), colors, memory, memory_words)
+            }
+            Err(status) => status,
+        }
     }
 }
 
@@ -711,8 +765,8 @@ unsafe fn draw_scene(
     memory: *mut u32,
     memory_words: usize,
 ) -> OnescanStatus {
-    if colors.is_null() || memory.is_null() {
-        return OnescanStatus::Null;
+    if let Err(status) = check(memory, memory_words) {
+        return status;
     }
     let [width, height] = scene.view.camera.image_size.map(|side| side as usize);
     if memory_words < draw_words(model.vertices(), width, height) {
@@ -734,15 +788,34 @@ unsafe fn draw_scene(
 /// What runs in a caller's storage.
 ///
 /// # Safety
-/// `place` is null or was started, with [`OnescanStatus::Ok`].
-unsafe fn inference<'f, I>(place: *mut Running<I>) -> Option<&'f mut I> {
+/// `place` points to storage that was started or is zero, or is null.
+unsafe fn inference<'f, I>(place: *mut Running<I>) -> Result<&'f mut I, OnescanStatus> {
+    check(place, 1)?;
     // SAFETY: as the caller promises. Only the inference is borrowed for writing; what it borrows
     // itself are other fields.
     unsafe {
-        if place.is_null() {
-            return None;
+        if (&raw const (*place).mark).read() != STARTED {
+            return Err(OnescanStatus::NotStarted);
         }
-        (*place).inference.as_mut().ok()
+        (*place).inference.as_mut().map_err(|_| OnescanStatus::NotStarted)
+    }
+}
+
+/// What runs in a caller's storage, to be looked at, and where the answer goes.
+///
+/// # Safety
+/// As [`inference`]; `answer` points to what it says or is null.
+unsafe fn borrowed<'f, I, A>(
+    place: *mut Running<I>,
+    answer: *mut A,
+) -> Result<(&'f Running<I>, &'f I, &'f mut A), OnescanStatus> {
+    check(answer, 1)?;
+    // SAFETY: as the caller promises.
+    unsafe {
+        inference(place)?;
+        let running = &*place;
+        let inference = running.inference.as_ref().map_err(|_| OnescanStatus::NotStarted)?;
+        Ok((running, inference, &mut *answer))
     }
 }
 

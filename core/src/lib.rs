@@ -32,6 +32,12 @@
 #[cfg(test)]
 extern crate std;
 
+#[cfg(target_endian = "big")]
+compile_error!(
+    "onescan-core reads models in place, and their numbers are little-endian: big-endian targets are \
+     not supported"
+);
+
 pub mod basis;
 pub mod chain;
 pub mod color;

@@ -2,7 +2,7 @@
 
 mod common;
 
-use onescan_core::chain::{Chain, Config, Problem, Stage};
+use onescan_core::chain::{Chain, Checkpoint, Config, Problem, Stage};
 use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
@@ -78,7 +78,48 @@ fn little_memory_changes_no_bit() {
     assert!(result.1.pixel_rmse < 0.1, "{}", result.1.pixel_rmse);
 }
 
-/// The stage between the pose's and the picture's (FACTS §6.6, objects).
+#[test]
+fn a_checkpoint_that_does_not_fit_is_refused() {
+    let bytes = common::mask(24, 30, 6, 5);
+    let model = bytes.model();
+    let (pixels, truth) = photo(&model);
+    let landmarks = landmarks(&model, &truth);
+    let config = |shape_rank, albedo_rank| {
+        Config::default().with(|config| {
+            (config.shape_rank, config.albedo_rank) = (shape_rank, albedo_rank);
+            (config.landmark_samples, config.samples) = (50, 50);
+        })
+    };
+    let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
+    let good = config(4, 3);
+    let problem = Problem::new(&model, image, &landmarks, &good);
+    let mut memory = vec![0; problem.dimensions().words()];
+    let mut chain = Chain::new(problem, 5, 0, &mut memory).expect("the problem fits together");
+    for _ in 0..80 {
+        chain.step();
+    }
+    let saved = chain.checkpoint().clone();
+    let refused = |problem: Problem<'_>, change: &dyn Fn(&mut Checkpoint)| {
+        let mut saved = saved.clone();
+        change(&mut saved);
+        let mut memory = vec![0; problem.dimensions().words()];
+        Chain::resume(problem, saved, &mut memory).is_err()
+    };
+    assert!(!refused(problem, &|_| ()));
+    for narrow in [config(3, 3), config(4, 2)] {
+        assert!(refused(Problem::new(&model, image, &landmarks, &narrow), &|_| ()));
+    }
+    assert!(refused(problem, &|saved| saved.best.density.prior += 1.0));
+    assert!(refused(problem, &|saved| saved.best.scene.view.pose.yaw += 0.1));
+    assert!(refused(problem, &|saved| {
+        saved.initial.as_mut().unwrap().scene.view.camera.image_size = [9; 2];
+    }));
+    assert!(refused(problem, &|saved| {
+        saved.initial.as_mut().unwrap().scene.subject.albedo.pop();
+    }));
+}
+
+/// The stage between the pose's and the picture's, of objects.
 #[test]
 fn the_shape_follows_the_landmarks_before_the_picture() {
     let bytes = common::mask(24, 30, 6, 5);

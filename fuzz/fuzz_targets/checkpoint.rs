@@ -79,7 +79,7 @@ fuzz_target!(|data: &[u8]| {
         .with_schedule(chain::Schedule::of(&landmarks))
         .with_lean(true);
     let mut memory = vec![0; problem.dimensions().words()];
-    for chain in save.chains {
+    for chain in save.chains.into_iter().flatten() {
         if let Ok(mut chain) = Chain::resume(problem, chain.checkpoint, &mut memory) {
             for _ in 0..5 {
                 chain.step();

@@ -17,10 +17,10 @@ use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 
 /// The face template and its landmarks, CC0.
-const TEMPLATE: &[u8] = include_bytes!("../../fixtures/face/template.ply");
-const LANDMARKS: &str = include_str!("../../fixtures/face/landmarks.json");
+const TEMPLATE: &[u8] = include_bytes!("../demo/template.ply");
+const LANDMARKS: &str = include_str!("../demo/landmarks.json");
 /// A face the model has never seen, on the template's topology, CC0.
-const IDENTITY: &[u8] = include_bytes!("../../fixtures/demo/identity.ply");
+const IDENTITY: &[u8] = include_bytes!("../demo/identity.ply");
 
 /// Landmarks the reference engine's face fits use (FACTS §10.4).
 pub const FIT_LANDMARKS: [&str; 16] = [
@@ -104,15 +104,15 @@ pub fn subjects(seed: u64) -> Result<Vec<Subject>> {
             "astronaut",
             "Eileen Collins, NASA (public domain): a small face in a large photo, smiling",
             "astronaut.png",
-            include_bytes!("../../fixtures/photos/astronaut.png"),
-            include_str!("../../fixtures/photos/astronaut.tlms"),
+            include_bytes!("../demo/astronaut.png"),
+            include_str!("../demo/astronaut.tlms"),
         )?,
         photo(
             "grace_hopper",
             "Grace Hopper, US Navy (public domain): glasses and a cap, which the model does not know",
             "grace_hopper.jpg",
-            include_bytes!("../../fixtures/photos/grace_hopper.jpg"),
-            include_str!("../../fixtures/photos/grace_hopper.tlms"),
+            include_bytes!("../demo/grace_hopper.jpg"),
+            include_str!("../demo/grace_hopper.tlms"),
         )?,
         Subject {
             name: "identity",

@@ -1,17 +1,21 @@
 //! Names of files; reading text; writing files whole or not at all.
 
 use crate::error::{Error, Result};
+use std::fs::File;
+use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 #[cfg(feature = "full")]
 use std::{
-    fs::File,
-    io::{self, BufWriter, Write},
+    io::{BufWriter, Write},
     path::PathBuf,
 };
 
 /// Whether a file's name ends in one of these extensions, in capitals or not.
 pub fn has_extension(path: &Path, among: &[&str]) -> bool {
-    path.extension().is_some_and(|e| among.iter().any(|a| e.eq_ignore_ascii_case(a)))
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    among
+        .iter()
+        .any(|e| name.strip_suffix(e).is_some_and(|rest| rest.len() > 1 && rest.ends_with('.')))
 }
 
 /// Files that are named, and those of directories that are: of these in the order of their names the
@@ -42,12 +46,35 @@ pub fn listed(places: &[PathBuf], among: &[&str], none: &str) -> Result<Vec<Path
     Ok(paths)
 }
 
+/// Most bytes that are read of what is no file, whose length is not known before: a pipe, a device.
+const MOST_STREAMED: u64 = 1 << 30;
+
+/// Reads a file, or what a pipe or a device gives.
+///
+/// # Errors
+/// A file that cannot be read; a stream without end; they do not name the file.
+pub fn read(path: &Path) -> io::Result<Vec<u8>> {
+    let mut file = File::open(path)?;
+    let known = file.metadata()?;
+    let mut bytes = Vec::new();
+    if known.is_file() {
+        let length = usize::try_from(known.len()).unwrap_or(usize::MAX);
+        bytes.try_reserve_exact(length).map_err(|_| {
+            io::Error::new(ErrorKind::OutOfMemory, format!("{length} bytes do not fit into memory"))
+        })?;
+        file.read_to_end(&mut bytes)?;
+    } else if file.take(MOST_STREAMED + 1).read_to_end(&mut bytes)? as u64 > MOST_STREAMED {
+        return Err(io::Error::other("no file, and gives more than 1 GiB; give a file"));
+    }
+    Ok(bytes)
+}
+
 /// Reads a text of UTF-8, or of UTF-16 if a byte order mark says so; the mark is not part of it.
 ///
 /// # Errors
 /// A file that cannot be read or is not text; they name the file.
 pub fn read_text(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+    let bytes = read(path).map_err(|e| Error::file(path, e))?;
     let units = |unit: fn([u8; 2]) -> u16| {
         let (pairs, rest) = bytes.as_chunks();
         let units = pairs.iter().skip(1).map(|pair| unit(*pair));
@@ -64,8 +91,115 @@ pub fn read_text(path: &Path) -> Result<String> {
     text.ok_or_else(|| Error::file(path, "not a text; give a file of text, saved as UTF-8"))
 }
 
+/// Whether something is there that is neither file nor directory: a device or a pipe, to be written
+/// through.
+#[cfg(feature = "full")]
+pub fn is_stream(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|known| !known.is_file() && !known.is_dir())
+}
+
+#[cfg(feature = "full")]
+fn fault(path: &Path, e: &io::Error) -> Error {
+    Error::file(path, format_args!("cannot write: {e}; give a writable place"))
+}
+
+/// A file whose content is on the disk, under a temporary name beside the one it is to have.
+#[cfg(feature = "full")]
+struct Prepared {
+    content: tempfile::NamedTempFile,
+    /// Where symbolic links lead.
+    target: PathBuf,
+    /// What is there now has other names, which are to stay names of it.
+    linked: bool,
+}
+
+#[cfg(feature = "full")]
+impl Prepared {
+    /// Writes a file's content; mode and owner are those of the file that is there, if one is.
+    fn new(
+        path: &Path,
+        content: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+    ) -> io::Result<Self> {
+        let target = followed(path);
+        let old = std::fs::metadata(&target).ok();
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".onescan-");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // As `File::create` would: the umask takes its share.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        let mut file = builder.tempfile_in(folder(&target))?;
+        let mut writer = BufWriter::with_capacity(1 << 16, file.as_file_mut());
+        content(&mut writer)?;
+        writer.flush()?;
+        drop(writer);
+        let mut linked = false;
+        if let Some(old) = old {
+            #[cfg(unix)]
+            {
+                use std::os::unix::fs::{MetadataExt, fchown};
+                linked = old.nlink() > 1;
+                let new = file.as_file().metadata()?;
+                if (new.uid(), new.gid()) != (old.uid(), old.gid()) {
+                    // Who may not give files away keeps them.
+                    let _ = fchown(file.as_file(), Some(old.uid()), Some(old.gid()));
+                }
+            }
+            file.as_file().set_permissions(old.permissions())?;
+        }
+        file.as_file().sync_all()?;
+        Ok(Self { content: file, target, linked })
+    }
+
+    /// Gives the file its name: readers see the old one or the whole new one.
+    fn publish(self) -> io::Result<()> {
+        if self.linked {
+            // A new file would part the names, so the old one gets the content.
+            let mut from = self.content.reopen()?;
+            let mut to = File::create(&self.target)?;
+            io::copy(&mut from, &mut to)?;
+            return to.sync_all();
+        }
+        self.content.persist(&self.target).map(drop).map_err(|e| e.error)
+    }
+}
+
+/// The directory a file is in.
+#[cfg(feature = "full")]
+pub fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// Where a symbolic link leads, whether or not something is there.
+#[cfg(feature = "full")]
+fn followed(path: &Path) -> PathBuf {
+    // As many as Linux follows.
+    const MOST: usize = 40;
+    let mut path = path.to_path_buf();
+    for _ in 0..MOST {
+        let Ok(next) = std::fs::read_link(&path) else { break };
+        path = folder(&path).join(next);
+    }
+    path
+}
+
+/// Makes sure that names given in a directory outlast a loss of power, where the system can.
+#[cfg(feature = "full")]
+fn sync_folder(directory: &Path) {
+    if cfg!(unix) {
+        // Some file systems have nothing to sync there, and say so.
+        let _ = File::open(directory).and_then(|directory| directory.sync_all());
+    }
+}
+
 /// Writes a file by `content` under a temporary name beside `path`, then renames it: readers
-/// see the old file or the whole new one, never a part.
+/// see the old file or the whole new one, never a part, also after a loss of power. Symbolic links,
+/// further names, mode and owner of the old file stay. What is no file is written through.
 ///
 /// # Errors
 /// When the directory is missing or not writable, the disk is full, or `path` is a directory;
@@ -75,25 +209,60 @@ pub fn write_atomically(
     path: &Path,
     content: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> Result<()> {
-    let fault =
-        |e: io::Error| Error::file(path, format_args!("cannot write: {e}; give a writable place"));
-    let directory = match path.parent() {
-        Some(parent) if parent != Path::new("") => parent,
-        _ => Path::new("."),
+    let write = || {
+        if is_stream(path) {
+            let mut file = File::options().write(true).open(path)?;
+            let mut writer = BufWriter::with_capacity(1 << 16, &mut file);
+            content(&mut writer)?;
+            return writer.flush();
+        }
+        let prepared = Prepared::new(path, content)?;
+        let directory = folder(&prepared.target).to_path_buf();
+        prepared.publish()?;
+        sync_folder(&directory);
+        Ok(())
     };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".onescan-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // As `File::create` would: the umask takes its share.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    write().map_err(|e| fault(path, &e))
+}
+
+/// Writes the files of one result into a directory, all of them or none. The last is the one by which
+/// others know that a result is there: what is to be `gone` of an older result, and the older one's
+/// last file, are removed before the first file gets its name.
+///
+/// # Errors
+/// As [`write_atomically`]; then the older result is still whole, unless names could not be given.
+#[cfg(feature = "full")]
+pub fn publish(
+    directory: &Path,
+    files: &[(impl AsRef<Path>, Vec<u8>)],
+    gone: &[impl AsRef<Path>],
+) -> Result<()> {
+    let mut prepared = Vec::new();
+    for (name, bytes) in files {
+        let path = directory.join(name);
+        let file = Prepared::new(&path, |out| out.write_all(bytes));
+        prepared.push(file.map_err(|e| fault(&path, &e))?);
     }
-    let mut file = builder.tempfile_in(directory).map_err(fault)?;
-    let mut writer = BufWriter::with_capacity(1 << 16, file.as_file_mut());
-    content(&mut writer).and_then(|()| writer.flush()).map_err(fault)?;
-    drop(writer);
-    file.persist(path).map_err(|e| fault(e.error))?;
+    let last = files.last().map(|(name, _)| name.as_ref());
+    for name in last.into_iter().chain(gone.iter().map(AsRef::as_ref)) {
+        let path = directory.join(name);
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => return Err(Error::file(&path, e)),
+            _ => {}
+        }
+    }
+    sync_folder(directory);
+    for ((name, _), file) in files.iter().zip(prepared) {
+        let path = directory.join(name);
+        if Some(name.as_ref()) == last {
+            // All that it stands for is there before it is.
+            for (name, _) in files {
+                sync_folder(folder(&directory.join(name)));
+            }
+        }
+        file.publish().map_err(|e| fault(&path, &e))?;
+    }
+    sync_folder(directory);
     Ok(())
 }
 
@@ -113,6 +282,65 @@ mod tests {
         assert!(failed.unwrap_err().to_string().contains("cannot write: disk full"));
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(&directory).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_overwritten_keeps_its_links_and_mode() {
+        use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        std::fs::write(at("file"), "old").unwrap();
+        std::fs::set_permissions(at("file"), std::fs::Permissions::from_mode(0o640)).unwrap();
+        symlink("file", at("link")).unwrap();
+        let write = |name: &str, text: &str| {
+            write_atomically(&at(name), |w| w.write_all(text.as_bytes())).unwrap();
+        };
+        write("link", "new");
+        assert!(at("link").symlink_metadata().unwrap().is_symlink());
+        let known = std::fs::metadata(at("file")).unwrap();
+        assert_eq!((known.mode() & 0o777, known.len()), (0o640, 3));
+        std::fs::hard_link(at("file"), at("twin")).unwrap();
+        write("file", "longer");
+        assert_eq!(std::fs::read(at("twin")).unwrap(), b"longer");
+        symlink("nowhere yet", at("dangling")).unwrap();
+        write("dangling", "x");
+        assert_eq!(std::fs::read(at("nowhere yet")).unwrap(), b"x");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn devices_are_written_through_and_streams_end() {
+        write_atomically(Path::new("/dev/null"), |w| w.write_all(b"gone")).unwrap();
+        assert!(is_stream(Path::new("/dev/null")));
+        let full = write_atomically(Path::new("/dev/full"), |w| w.write_all(b"gone"));
+        assert!(full.unwrap_err().to_string().starts_with("/dev/full: cannot write"));
+        let endless = read(Path::new("/dev/zero")).unwrap_err().to_string();
+        assert!(endless.contains("more than 1 GiB"), "{endless}");
+    }
+
+    #[test]
+    fn a_result_is_published_whole_or_not_at_all() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        let names = || {
+            let entries = std::fs::read_dir(&directory).unwrap();
+            let mut names: Vec<_> =
+                entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+            names.sort();
+            names
+        };
+        let files = |text: &str| [("a", text.into()), ("last", text.into())];
+        publish(directory.path(), &files("old"), &["b"]).unwrap();
+        std::fs::write(at("b"), "stale").unwrap();
+        // The second cannot be written, so the first is not published.
+        let broken = [("a", b"new".to_vec()), ("none/last", b"new".to_vec())];
+        assert!(publish(directory.path(), &broken, &["b"]).is_err());
+        assert_eq!(std::fs::read(at("a")).unwrap(), b"old");
+        assert_eq!(names(), ["a", "b", "last"]);
+        publish(directory.path(), &files("new"), &["b"]).unwrap();
+        assert_eq!(std::fs::read(at("a")).unwrap(), b"new");
+        assert_eq!(names(), ["a", "last"]);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! The layout is documented with its reader, [`onescan_core::model`].
 
 use crate::error::{Error, Result};
+use crate::files;
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
 use onescan_core::model::Model;
@@ -35,7 +36,7 @@ impl OwnedModel {
     /// # Errors
     /// When the file cannot be read or is not a model; they name the file.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+        let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
         Self::from_bytes(&bytes).map_err(|e| Error::file(path, e))
     }
 

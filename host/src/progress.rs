@@ -1,8 +1,28 @@
 //! Progress on standard error: bars on a terminal, plain lines elsewhere, nothing when quiet.
 
+use crate::error::{Error, Result, plain};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::{IsTerminal, stderr};
+use std::io::{ErrorKind, IsTerminal, Write, stderr, stdout};
 use std::time::{Duration, Instant};
+
+/// Prints a line on standard error, without what a terminal would obey. If nobody listens, so be it.
+pub fn complain(message: impl std::fmt::Display) {
+    let _ = writeln!(stderr(), "{}", plain(&message.to_string()));
+}
+
+/// Prints a line on standard output, likewise. If its reader has gone, as `head` does, so be it.
+///
+/// # Errors
+/// A full disk, say.
+pub fn print(text: impl std::fmt::Display) -> Result<()> {
+    let mut out = stdout().lock();
+    match writeln!(out, "{}", plain(&text.to_string())).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            Err(Error::new(format_args!("cannot write to standard output: {e}")))
+        }
+        _ => Ok(()),
+    }
+}
 
 /// Where messages for the person at the keyboard go.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +39,7 @@ impl Console {
     /// Prints a line.
     pub fn say(&self, message: impl std::fmt::Display) {
         if !self.quiet {
-            eprintln!("{message}");
+            complain(message);
         }
     }
 
@@ -34,7 +54,7 @@ impl Console {
             .unwrap_or_else(|_| ProgressStyle::default_bar())
             .progress_chars("=> ");
             let bar = ProgressBar::new(total).with_style(style);
-            bar.set_message(name.to_string());
+            bar.set_message(plain(name).into_owned());
             bar
         };
         let plain = !self.quiet && !stderr().is_terminal();
@@ -60,7 +80,7 @@ impl Task {
         if self.plain && self.last.elapsed() > Self::PLAIN_INTERVAL {
             self.last = Instant::now();
             let total = self.bar.length().unwrap_or(1).max(1);
-            eprintln!("{}: {} %", self.name, 100 * done / total);
+            complain(format_args!("{}: {} %", self.name, 100 * done / total));
         }
     }
 
@@ -74,7 +94,7 @@ impl Task {
     pub fn name(&mut self, name: &str) {
         if self.name != name {
             self.name = name.to_string();
-            self.bar.set_message(self.name.clone());
+            self.bar.set_message(plain(name).into_owned());
         }
     }
 

@@ -49,6 +49,16 @@ int main(int argc, char **argv)
            ONESCAN_STATUS_MODEL_VERSION);
 
     OnescanSettings settings = onescan_default_settings();
+    OnescanProgress progress;
+    OnescanSearchProgress none;
+    expect("a fit never started", onescan_progress(&fit, &progress), ONESCAN_STATUS_NOT_STARTED);
+    expect("a search never started", onescan_search_progress(&search, &none),
+           ONESCAN_STATUS_NOT_STARTED);
+    if (onescan_step(&fit, 1) != 0 || onescan_search_step(&search, 1) != 0 ||
+        onescan_search_mask(&search) != NULL) {
+        fprintf(stderr, "a fit never started does something\n");
+        faults++;
+    }
     settings.lean = true;
     settings.landmark_samples = settings.samples = 10;
     OnescanLandmark nose = {"center.nose.tip", 8, 8};
@@ -64,6 +74,27 @@ int main(int argc, char **argv)
     static uint32_t more[100000];
     expect("a picture", onescan_draw(&fit, colors, more, words), ONESCAN_STATUS_OK);
     expect("a picture in no room", onescan_draw(&fit, colors, more, 9), ONESCAN_STATUS_MEMORY);
+    expect("a restart that fails", START(&nose, 0, 16, words), ONESCAN_STATUS_LANDMARK_COUNT);
+    expect("its progress", onescan_progress(&fit, &progress), ONESCAN_STATUS_NOT_STARTED);
+    expect("its picture", onescan_draw(&fit, colors, more, words), ONESCAN_STATUS_NOT_STARTED);
+    if (onescan_step(&fit, 1) != 0) {
+        fprintf(stderr, "a fit whose start failed does something\n");
+        faults++;
+    }
+    expect("endless landmarks", START(&nose, SIZE_MAX / 2, 16, words), ONESCAN_STATUS_COUNT);
+    expect("endless memory", START(&nose, 1, 16, SIZE_MAX), ONESCAN_STATUS_COUNT);
+    uint32_t *odd = (uint32_t *)((char *)memory + 1);
+    expect("odd memory", onescan_start(&fit, start, bytes, rgb, 16, 16, &nose, 1, &settings, odd, 9),
+           ONESCAN_STATUS_MISALIGNED);
+    expect("an odd fit", onescan_progress((OnescanFit *)((char *)&fit + 4), &progress),
+           ONESCAN_STATUS_MISALIGNED);
+    if (onescan_words(&info, &settings, 1, UINT32_MAX, UINT32_MAX) != 0) {
+        fprintf(stderr, "an endless picture has a number of words\n");
+        faults++;
+    }
+    settings.lean = 2;
+    expect("a truth of 2", START(&nose, 1, 16, words), ONESCAN_STATUS_OK);
+    settings.lean = true;
     expect("no landmarks", START(&nose, 0, 16, words), ONESCAN_STATUS_LANDMARK_COUNT);
     expect("no picture", START(&nose, 1, 0, words), ONESCAN_STATUS_IMAGE);
     size_t needed = onescan_words(&info, &settings, 1, 16, 16);

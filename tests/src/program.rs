@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 use std::ffi::OsStr;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::OnceLock;
@@ -104,6 +105,40 @@ impl Onescan {
         let run = self.run();
         assert_eq!((run.code, run.stderr.as_str()), (Some(0), ""), "{line}");
         run.stdout
+    }
+
+    /// Runs it with nobody to read what it prints.
+    ///
+    /// # Panics
+    /// If it does not start.
+    pub fn unread(mut self) -> Run {
+        let child = self.0.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        let mut child = child.expect("onescan starts");
+        drop(child.stdout.take());
+        child.wait_with_output().expect("onescan ends").into()
+    }
+
+    /// Runs it with its standard output going to a file.
+    ///
+    /// # Panics
+    /// If it does not start.
+    pub fn print_to(mut self, file: File) -> Run {
+        self.0.stdout(file).output().expect("onescan starts").into()
+    }
+
+    /// Kills it, without a chance to do anything, once a file is there.
+    ///
+    /// # Panics
+    /// If it does not start, or ends without such a file.
+    pub fn kill_once(mut self, file: &Path) {
+        let mut child = self.0.spawn().expect("onescan starts");
+        while !file.exists() {
+            let ended = child.try_wait().expect("it is ours");
+            assert!(ended.is_none(), "ended without {}", file.display());
+            sleep(Duration::from_millis(10));
+        }
+        child.kill().expect("it is ours");
+        child.wait().expect("it is ours");
     }
 
     /// Presses Ctrl-C after a while.

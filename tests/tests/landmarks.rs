@@ -59,9 +59,18 @@ fn what_has_no_face_is_refused() {
     Onescan::new(place.path(), render).succeed();
     refused("landmarks back.png", "back.png: no face found; mark its landmarks yourself");
     refused("fit @golden/small.3dmm back.png -o out", "back.png: no face found");
-    refused("landmarks @photos/astronaut.png --face 2 -o x", "no face 2; the only one is 1 at (");
-    refused("landmarks @photos/astronaut.png --unit cm -o x", "is a photo, and --unit 10 is about");
-    refused("landmarks @face/template.ply --face 1 -o x", "is a scan, and --face is about photos");
-    refused("landmarks @fish/template.ply -o x", "no face found from any side");
-    assert!(!place.path().join("x").exists());
+    refused(
+        "landmarks @photos/astronaut.png --face 2 -o x.tlms",
+        "no face 2; the only one is 1 at (",
+    );
+    refused(
+        "landmarks @photos/astronaut.png --unit cm -o x.tlms",
+        "is a photo, and --unit 10 is about",
+    );
+    refused(
+        "landmarks @face/template.ply --face 1 -o x.json",
+        "is a scan, and --face is about photos",
+    );
+    refused("landmarks @fish/template.ply -o x.json", "no face found from any side");
+    assert!(!place.path().join("x.tlms").exists() && !place.path().join("x.json").exists());
 }

@@ -291,22 +291,21 @@ fn finished(
     let mut files = Vec::new();
     let mut add = |name: String, bytes| files.push(File { name, bytes });
     let mut results = Vec::new();
-    for (photo, ((job, fit), folder)) in jobs.iter().zip(fits).zip(folders).enumerate() {
+    for (photo, ((job, fit), folder)) in jobs.iter().zip(fits).zip(&folders).enumerate() {
         let result = output::finish(job, fit, &names, photo)?;
         for (name, bytes) in output::files(&result)? {
             let several = jobs.len() > 1;
             add(if several { format!("{folder}/{name}") } else { name.into() }, bytes);
         }
         add(format!("{folder}.tlms"), job.landmarks.to_text().into_bytes());
-        results.push((result, folder));
+        results.push(result);
     }
     let provenance = jobs.first().map_or("", |job| job.model.provenance());
     let page = match &results[..] {
-        [(result, _)] => report::fit_report(result, provenance)?,
-        results => report::subject_report(results, provenance)?,
+        [result] => report::fit_report(result, provenance)?,
+        results => report::subject_report(results, &folders, provenance)?,
     };
     add("report.html".into(), page.into_bytes());
-    let results: Vec<_> = results.into_iter().map(|(result, _)| result).collect();
     if results.len() > 1 {
         for (name, bytes) in output::files_of_all(&results)? {
             add(name.into(), bytes);

@@ -24,7 +24,7 @@ pub use crate::metropolis::Outcome;
 use crate::metropolis::{self, Factors};
 use crate::proposal::{Branch, CENTRES, MAX_LEAVES, Part, Table, Touched};
 use crate::rng::Rng;
-use crate::scene::Scene;
+use crate::scene::{Scene, Subject};
 pub use config::Config;
 pub use dimensions::Dimensions;
 use pipeline::{Pipeline, Proposed};
@@ -202,12 +202,15 @@ impl<'a, 'w> Chain<'a, 'w> {
     ) -> Result<Self, ChainError> {
         let size = [problem.photo.image.width, problem.photo.image.height];
         let scenes = [&checkpoint.state.scene, &checkpoint.best.scene];
-        if scenes.iter().any(|scene| {
+        let initial = checkpoint.initial.as_ref().map(|state| &state.scene);
+        let Subject { shape, albedo } = &checkpoint.state.scene.subject;
+        if scenes.into_iter().chain(initial).any(|scene| {
             scene.view.camera.image_size != size
-                || scene.subject.shape.len() > problem.model.shape.rank()
-                || scene.subject.albedo.len() > problem.model.albedo.rank()
-                || scene.subject.shape.len() > problem.config.shape_rank
-        }) || usize::from(checkpoint.phase) >= problem.schedule.phases.len()
+                || scene.subject.shape.len() != shape.len()
+                || scene.subject.albedo.len() != albedo.len()
+        }) || shape.len() > problem.model.shape.rank().min(problem.config.shape_rank)
+            || albedo.len() > problem.model.albedo.rank().min(problem.config.albedo_rank)
+            || usize::from(checkpoint.phase) >= problem.schedule.phases.len()
         {
             return Err(ChainError::Checkpoint);
         }
@@ -219,7 +222,11 @@ impl<'a, 'w> Chain<'a, 'w> {
         {
             return Err(ChainError::Checkpoint);
         }
-        if chain.evaluate_current() != chain.progress.state.density {
+        let looked_at = chain.looked_at();
+        let best = Density::of(chain.target.evaluate(&chain.progress.best.scene, looked_at));
+        if best != chain.progress.best.density
+            || chain.evaluate_current() != chain.progress.state.density
+        {
             return Err(ChainError::Checkpoint);
         }
         Ok(chain)

@@ -3,7 +3,7 @@
 use clap::Args;
 use onescan::bench;
 use onescan::error::Result;
-use onescan::progress::Console;
+use onescan::progress::{Console, print};
 
 /// Measure steps per second on this machine, stage by stage, and the time to the mode, beside its
 /// memory bandwidth and arithmetic.
@@ -23,9 +23,9 @@ impl Bench {
         let report = bench::measure(&mut |done| task.set((1000.0 * done) as u64))?;
         task.finish();
         if self.json {
-            println!("{}", report.to_json()?);
+            print(report.to_json()?)?;
         } else {
-            println!("{report}");
+            print(report)?;
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! `onescan build`.
 
-use super::scan::Scan;
+use super::scan::{Placed, Scan};
 use super::{file_name, model_file, write_model};
 use clap::Args;
 use onescan::error::{Error, Result};
@@ -11,6 +11,7 @@ use onescan::model::build::{BuildOptions, Method, build};
 use onescan::model::decompose::Truncation;
 use onescan::model::kernel::{Hyper, Kernels, PRESETS, Preset};
 use onescan::progress::Console;
+use onescan::scan::doctor::Findings;
 use onescan::scan::symmetry::{self, Plane, Symmetry};
 use std::path::PathBuf;
 
@@ -75,6 +76,8 @@ fn mirror(text: &str) -> std::result::Result<Mirror, String> {
         .ok()
         .and_then(|numbers| numbers.try_into().ok())
         .and_then(|[a, b, c, d]: [f64; 4]| Plane::new([a, b, c], d))
+        // Nothing that is scanned lies so far away.
+        .filter(|plane| plane.offset.abs() < 1e9)
         .map(Mirror::Plane)
         .ok_or_else(|| {
             "expected x, y, z, find, none, or four numbers A,B,C,D of the plane A x + B y + C z = D"
@@ -99,13 +102,13 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 impl Build {
     pub(super) fn run(self, console: Console) -> Result<()> {
         model_file(&self.output)?;
-        let (mut scan, millimetres) = self.scan.read()?;
+        let Placed { mesh: mut scan, unit: millimetres, origin, .. } = self.scan.read(console)?;
         let landmarks = match &self.landmarks {
             Some(path) => {
                 // Their coordinates are the file's.
                 let frame = self.scan.frame()?;
                 let points: Vec<_> = scan.points.iter().map(|p| frame.undo(*p)).collect();
-                landmarks::read(path, &points, millimetres)?
+                landmarks::read_moved(path, &points, origin, millimetres)?
             }
             None => Vec::new(),
         };
@@ -115,14 +118,17 @@ impl Build {
             Mirror::Plane(_) | Mirror::Find => {
                 let frame = self.scan.frame()?;
                 let symmetry = match self.mirror {
-                    Mirror::Plane(plane) => symmetry::judge(&scan, plane.turned(|n| frame.turn(n))),
+                    Mirror::Plane(plane) => {
+                        let plane = plane.moved(origin.map(|c| -c)).turned(|n| frame.turn(n));
+                        symmetry::judge(&scan, plane)
+                    }
                     _ => symmetry::find(&scan),
                 };
                 let Symmetry { plane, error } =
                     symmetry.map_err(|e| Error::file(&self.scan.path, e))?;
                 console.say(format_args!(
                     "plane of symmetry: {}, off by {:.3} mm (root mean square)",
-                    plane.turned(|n| frame.undo(n)),
+                    plane.turned(|n| frame.undo(n)).moved(origin),
                     error * f64::from(millimetres)
                 ));
                 Some(symmetry::align(&mut scan.points, &plane))
@@ -132,6 +138,11 @@ impl Build {
             Some(path) => Kernels::read(path, self.kernels, mirror)?,
             None => self.kernels.kernels(&Hyper::default(), mirror),
         };
+        // Without an axis in x nothing is said of where the scan lies.
+        let findings = Findings::of(&scan, millimetres.into());
+        for fault in findings.faults(mirror == Some(Axis::X)) {
+            console.say(Error::file(&self.scan.path, fault));
+        }
         let scan_name = file_name(&self.scan.path);
         let options = BuildOptions {
             scan_name: &scan_name,
@@ -156,7 +167,7 @@ impl Build {
             if let Some(path) = &self.landmarks {
                 model.uncertainties = landmarks::read_uncertainties(path)?;
             }
-            write_model(console, &self.output, &model)?;
+            write_model(console, &self.scan.path, &self.output, &model)?;
         }
         if landmarks.is_empty() {
             console.say("no --landmarks: the model can be sampled and rendered, but not fitted");

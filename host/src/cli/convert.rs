@@ -2,9 +2,10 @@
 
 use super::{model_file, read_model, write_model};
 use clap::Args;
-use onescan::error::Result;
-use onescan::interchange;
+use onescan::error::{Error, Result};
+use onescan::interchange::{self, Format};
 use onescan::mesh::landmarks;
+use onescan::model::process::Process;
 use onescan::progress::Console;
 use std::path::PathBuf;
 
@@ -23,12 +24,16 @@ pub(super) struct Convert {
     /// Landmarks to give it instead of its own, JSON.
     #[arg(long)]
     landmarks: Option<PathBuf>,
+    /// Give a model without expressions one that changes nothing: some readers of the Basel face
+    /// model 2017, like eos's converter, demand the block. For .h5 and .h5.json.
+    #[arg(long)]
+    zero_expression: bool,
 }
 
 impl Convert {
     pub(super) fn run(self, console: Console) -> Result<()> {
         model_file(&self.output)?;
-        let model = match &self.landmarks {
+        let mut model = match &self.landmarks {
             None => read_model(console, &self.model)?,
             // What there is to say of its own landmarks does not matter.
             Some(path) => {
@@ -38,6 +43,16 @@ impl Convert {
                 model
             }
         };
-        write_model(console, &self.output, &model)
+        if self.zero_expression {
+            if Format::of(&self.output) == Format::ThreeDmm {
+                return Err(Error::file(
+                    &self.output,
+                    "--zero-expression is for .h5 and .h5.json; .3dmm has no expressions",
+                ));
+            }
+            let vertices = model.shape.vertices();
+            model.expression.get_or_insert_with(|| Process::zero(vertices));
+        }
+        write_model(console, &self.model, &self.output, &model)
     }
 }

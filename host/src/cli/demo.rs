@@ -92,7 +92,7 @@ impl Demo {
             let names =
                 Names { model: "face.3dmm".into(), given: None, face: 1, photos: vec![photo] };
             let result = output::finish(&job, &fit, &names, 0)?;
-            output::write(&directory, &result)?;
+            output::write(&directory, &result, Vec::new())?;
             console.say(output::closing_line(&result.summary));
             results.push((result, subject.about));
         }

@@ -58,7 +58,7 @@ impl Export {
         console.say(&exported.report);
         if Format::of(&self.output) != Format::ThreeDmm {
             let model = Morphable::of(&exported.model.view());
-            return write_model(console, &self.output, &model);
+            return write_model(console, &self.model, &self.output, &model);
         }
         exported.model.write(&self.output)?;
         console.say(format_args!("wrote {}", self.output.display()));

@@ -61,8 +61,8 @@ use std::time::Duration;
 /// fit has them are named; a search bears a wrong one or two. Those it found itself are written to
 /// landmarks.tlms: move what is off (landmarks.png shows it), and give that file to --landmarks.
 ///
-/// Ctrl-C on a chain saves a checkpoint there; --resume goes on from it, with the same result as
-/// without the interruption. A search takes seconds and is made again.
+/// A chain saves a checkpoint there every few seconds, and when Ctrl-C ends it; --resume goes on from
+/// it, with the same result as without the interruption. A search takes seconds and is made again.
 #[derive(Args)]
 pub(super) struct Fit {
     /// The model, with landmarks: .3dmm, .h5 or .h5.json; or a mixture of models, .toml.
@@ -327,15 +327,21 @@ impl Fit {
     ) -> Result<()> {
         let checkpoint = self.output.join("checkpoint.bin");
         let resume = if self.chain.resume { Some(Save::read(&checkpoint)?) } else { None };
+        let ours = AtomicBool::new(self.chain.resume);
+        let keep = |save: &Save| {
+            let bytes = save.to_bytes()?;
+            ours.store(true, Ordering::Relaxed);
+            write_atomically(&checkpoint, |out| out.write_all(&bytes))
+        };
         // What a fit can still be refused for.
         let culprit = if self.chain.resume { Some(&checkpoint) } else { self.mask.first() };
-        match watch(stop, console.task("fitting", job.steps()), |control| job.run(resume, control))
+        let task = console.task("fitting", job.steps());
+        match watch(stop, task, |control| job.run_kept(resume, control, &keep))
             .map_err(|e| culprit.map_or_else(|| e.clone(), |file| Error::file(file, &e)))?
         {
             Ending::Stopped(None) => Err(interrupted()),
             Ending::Stopped(Some(save)) => {
-                let bytes = save.to_bytes()?;
-                write_atomically(&checkpoint, |out| out.write_all(&bytes))?;
+                keep(&save)?;
                 Err(Error::file(
                     &checkpoint,
                     "interrupted, progress saved; the same command with --resume goes on",
@@ -343,10 +349,8 @@ impl Fit {
             }
             Ending::Done(fit) => {
                 let result = output::finish(job, &fit, &self.names(), 0)?;
-                output::write(&self.output, &result)?;
-                say(&result, console);
-                self.write_report(&report::fit_report(&result, provenance)?, console)?;
-                if self.chain.resume {
+                self.write_one(&result, Vec::new(), provenance, console)?;
+                if ours.into_inner() {
                     remove_if_there(&checkpoint);
                 }
                 Ok(())
@@ -426,17 +430,12 @@ impl Fit {
             result.summary.mixture.clone_from(&components);
             results.push(result);
         }
-        let all = Summaries { fits }.to_json()?;
-        write_atomically(&self.output.join("components.json"), |out| {
-            out.write_all(all.as_bytes())
-        })?;
+        let all = vec![("components.json", Summaries { fits }.to_json()?.into_bytes())];
         let provenance = models[best].provenance();
         if let [result] = &results[..] {
-            output::write(&self.output, result)?;
-            say(result, console);
-            return self.write_report(&report::fit_report(result, provenance)?, console);
+            return self.write_one(result, all, provenance, console);
         }
-        self.write_several(results, provenance, console)
+        self.write_several(&results, all, provenance, console)
     }
 
     fn run_several(
@@ -453,8 +452,8 @@ impl Fit {
         let names = self.names();
         let results = (jobs.iter().zip(&fits).enumerate())
             .map(|(i, (job, fit))| output::finish(job, fit, &names, i))
-            .collect::<Result<_>>()?;
-        self.write_several(results, provenance, console)
+            .collect::<Result<Vec<_>>>()?;
+        self.write_several(&results, Vec::new(), provenance, console)
     }
 
     /// Samples the posterior around the mode of one photo or several.
@@ -487,37 +486,46 @@ impl Fit {
         }
         let mut files = spread.files(model)?;
         files.push(("posterior.h5", posterior::output::states(&samples)?));
-        for (name, bytes) in files {
-            write_atomically(&self.output.join(name), |out| out.write_all(&bytes))?;
-        }
         if let [result] = &results[..] {
-            output::write(&self.output, result)?;
-            say(result, console);
-            return self.write_report(&report::fit_report(result, model.provenance())?, console);
+            return self.write_one(result, files, model.provenance(), console);
         }
-        self.write_several(results, model.provenance(), console)
+        self.write_several(&results, files, model.provenance(), console)
     }
 
-    fn write_several(&self, fits: Vec<Finished>, provenance: &str, console: Console) -> Result<()> {
+    fn write_one(
+        &self,
+        result: &Finished,
+        mut more: Vec<(&'static str, Vec<u8>)>,
+        provenance: &str,
+        console: Console,
+    ) -> Result<()> {
+        more.push(("report.html", report::fit_report(result, provenance)?.into_bytes()));
+        output::write(&self.output, result, more)?;
+        say(result, console);
+        self.say_open(console);
+        Ok(())
+    }
+
+    fn write_several(
+        &self,
+        results: &[Finished],
+        mut more: Vec<(&'static str, Vec<u8>)>,
+        provenance: &str,
+        console: Console,
+    ) -> Result<()> {
         let names = self.names();
-        let mut results = Vec::new();
-        for (i, result) in fits.into_iter().enumerate() {
-            let folder = names.folder(i);
-            let directory = self.output.join(&folder);
-            output_directory(&directory)?;
-            output::write(&directory, &result)?;
-            say(&result, console);
-            results.push((result, folder));
+        let folders: Vec<_> = (0..results.len()).map(|i| names.folder(i)).collect();
+        for folder in &folders {
+            output_directory(&self.output.join(folder))?;
         }
-        let page = report::subject_report(&results, provenance)?;
-        let results: Vec<_> = results.into_iter().map(|(result, _)| result).collect();
-        for (name, bytes) in output::files_of_all(&results)? {
-            write_atomically(&self.output.join(name), |out| out.write_all(&bytes))?;
+        let page = report::subject_report(results, &folders, provenance)?;
+        more.push(("report.html", page.into_bytes()));
+        output::write_all(&self.output, results, &folders, more)?;
+        for result in results {
+            say(result, console);
         }
-        if let Some(first) = results.first() {
-            output::clear(&self.output, &first.summary, false, false)?;
-        }
-        self.write_report(&page, console)
+        self.say_open(console);
+        Ok(())
     }
 
     fn names(&self) -> Names {
@@ -542,11 +550,8 @@ impl Fit {
         all.map(|path| file_name(path)).collect::<Vec<_>>().join(" ")
     }
 
-    fn write_report(&self, page: &str, console: Console) -> Result<()> {
-        let report = self.output.join("report.html");
-        write_atomically(&report, |out| out.write_all(page.as_bytes()))?;
-        console.say(format_args!("open {}", report.display()));
-        Ok(())
+    fn say_open(&self, console: Console) {
+        console.say(format_args!("open {}", self.output.join("report.html").display()));
     }
 
     /// The part of the photo to look at. A chain, whose landmarks are all believed, looks around
@@ -596,12 +601,20 @@ pub(super) fn interrupted() -> Error {
     Error::new("interrupted; nothing was written")
 }
 
+/// Ctrl-C, what ends a program, and what a terminal sends that is closed.
+const SIGNALS: &[i32] = &[
+    signal_hook::consts::SIGINT,
+    signal_hook::consts::SIGTERM,
+    #[cfg(unix)]
+    signal_hook::consts::SIGHUP,
+];
+
 /// A flag that Ctrl-C sets; the second one ends the program at once.
 pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
-            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+    for signal in SIGNALS {
+        signal_hook::flag::register_conditional_shutdown(*signal, 1, Arc::clone(&stop))
+            .and_then(|_| signal_hook::flag::register(*signal, Arc::clone(&stop)))
             .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
     }
     Ok(stop)

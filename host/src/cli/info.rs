@@ -4,6 +4,7 @@ use clap::Args;
 use onescan::error::Result;
 use onescan::fit::summary::hex;
 use onescan::interchange;
+use onescan::progress::print;
 use onescan_core::basis::Basis;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -37,23 +38,22 @@ impl Info {
                 "checksum": hex(model.checksum()),
                 "provenance": model.provenance(),
             });
-            println!("{value:#}");
+            print(format_args!("{value:#}"))?;
             return Ok(());
         }
-        println!("{} vertices, {} triangles", model.vertices(), model.triangles.len());
-        print_half("shape", &model.shape, "mm² per coordinate");
-        print_half("albedo", &model.albedo, "per channel");
+        print(format_args!("{} vertices, {} triangles", model.vertices(), model.triangles.len()))?;
+        print_half("shape", &model.shape, "mm² per coordinate")?;
+        print_half("albedo", &model.albedo, "per channel")?;
         let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
         match names.len() {
-            0 => println!("no landmarks"),
-            count => println!("{count} landmarks: {}", names.join(", ")),
+            0 => print("no landmarks")?,
+            count => print(format_args!("{count} landmarks: {}", names.join(", ")))?,
         }
         if model.occlusion().is_some() {
-            println!("an occlusion map: where the surface is likely to be hidden");
+            print("an occlusion map: where the surface is likely to be hidden")?;
         }
-        println!("checksum {}", hex(model.checksum()));
-        println!("{}", model.provenance().trim_end());
-        Ok(())
+        print(format_args!("checksum {}", hex(model.checksum())))?;
+        print(model.provenance().trim_end())
     }
 }
 
@@ -86,17 +86,18 @@ fn half_json(basis: &Basis<'_>) -> Value {
     })
 }
 
-fn print_half(name: &str, basis: &Basis<'_>, unit: &str) {
+fn print_half(name: &str, basis: &Basis<'_>, unit: &str) -> Result<()> {
     let points = basis.mean().len().max(1) as f64;
-    println!(
+    print(format_args!(
         "{name}: {} components hold {:.1} % of the variance ({:.4} {unit})",
         basis.rank(),
         100.0 * captured(basis),
         basis.total_variance() / points
-    );
+    ))?;
     for fraction in [0.5, 0.8, 0.9, 0.95, 0.99] {
         if let Some(count) = components_for(basis, fraction) {
-            println!("  {:>4.0} % in {count}", 100.0 * fraction);
+            print(format_args!("  {:>4.0} % in {count}", 100.0 * fraction))?;
         }
     }
+    Ok(())
 }

@@ -1,13 +1,13 @@
 //! `onescan inspect`.
 
 use super::output_file;
-use super::scan::Scan;
+use super::scan::{Placed, Scan};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::mesh::Mesh;
 use onescan::mesh::ply::{self, Encoding};
-use onescan::progress::Console;
+use onescan::progress::{Console, print};
 use onescan::scan::doctor::{Findings, mend};
 use serde_json::json;
 use std::path::PathBuf;
@@ -36,9 +36,9 @@ pub(super) struct Inspect {
 impl Inspect {
     pub(super) fn run(self, console: Console) -> Result<()> {
         if let Some(path) = &self.mend {
-            output_file(path)?;
+            output_file(path, &["ply"])?;
         }
-        let (mut mesh, unit) = self.scan.read()?;
+        let Placed { mut mesh, unit, .. } = self.scan.read(console)?;
         for point in &mut mesh.points {
             *point = point.map(|c| c * unit);
         }
@@ -52,14 +52,14 @@ impl Inspect {
             None => None,
         };
         if self.json {
-            let mut value = json!({ "findings": findings, "faults": findings.faults() });
+            let mut value = json!({ "findings": findings, "faults": findings.faults(true) });
             if let Some(what) = mended {
                 value["mended"] = json!(what);
             }
-            println!("{value:#}");
+            print(format_args!("{value:#}"))?;
             return Ok(());
         }
-        println!("{findings}");
+        print(&findings)?;
         if let (Some(what), Some(path)) = (mended, &self.mend) {
             console.say(what);
             console.say(format_args!("wrote {}", path.display()));

@@ -1,7 +1,7 @@
 //! `onescan landmarks`.
 
 use super::output_file;
-use super::scan::Reading;
+use super::scan::{Placed, Reading};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::face_mesh::{Marked, scan};
@@ -50,16 +50,18 @@ pub(super) struct Landmarks {
 impl Landmarks {
     pub(super) fn run(self, console: Console) -> Result<()> {
         let is_photo = has_extension(&self.input, &["png", "jpg", "jpeg"]);
-        let beside = self.input.with_extension(if is_photo { "tlms" } else { "json" });
+        let extension = if is_photo { "tlms" } else { "json" };
+        let beside = self.input.with_extension(extension);
         let output = self.output.clone().unwrap_or(beside);
         if output == self.input {
             return Err(Error::file(&output, "is the input; give another name by -o"));
         }
-        output_file(&output)?;
+        output_file(&output, &[extension])?;
         if let Some(picture) = &self.picture {
-            output_file(picture)?;
+            output_file(picture, &["png"])?;
         }
-        let (text, marked) = if is_photo { self.of_photo(console)? } else { self.of_scan()? };
+        let (text, marked) =
+            if is_photo { self.of_photo(console)? } else { self.of_scan(console)? };
         if let Some(picture) = &self.picture {
             marked.write_png(picture)?;
             console.say(format_args!("wrote {}", picture.display()));
@@ -86,18 +88,22 @@ impl Landmarks {
         Ok((landmarks.to_text(), marked(&photo, &landmarks)))
     }
 
-    fn of_scan(&self) -> Result<(String, Picture)> {
+    fn of_scan(&self, console: Console) -> Result<(String, Picture)> {
         if self.face.is_some() {
             return Err(Error::file(
                 &self.input,
                 "is a scan, and --face is about photos; leave it out",
             ));
         }
-        let (mesh, _) = self.reading.read(&self.input)?;
+        let Placed { mesh, origin, notes, .. } = self.reading.read(&self.input)?;
+        for note in notes {
+            console.say(Error::file(&self.input, note));
+        }
         let frame = self.reading.frame()?;
         let found = scan::find(&mesh).map_err(|e| Error::file(&self.input, e))?;
         let entry = |mark: &scan::Mark| {
-            let coordinates = frame.undo(mark.coordinates.map(|c| c as f32));
+            let at = frame.undo(mark.coordinates.map(|c| c as f32));
+            let coordinates: [f64; 3] = std::array::from_fn(|k| f64::from(at[k]) + origin[k]);
             json!({ "id": mark.name, "vertex": mark.vertex, "coordinates": coordinates })
         };
         let lines: Vec<String> = found.marks.iter().map(|mark| entry(mark).to_string()).collect();

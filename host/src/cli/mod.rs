@@ -21,7 +21,7 @@ mod scan;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
-use onescan::files::listed;
+use onescan::files::{folder, has_extension, is_stream, listed};
 use onescan::interchange::{self, Format};
 use onescan::mesh::Mesh;
 use onescan::mesh::ply;
@@ -138,24 +138,38 @@ fn output_directory(path: &Path) -> Result<()> {
     )
 }
 
-/// Checks that a file can be written where it is to go, before the work.
-fn output_file(path: &Path) -> Result<()> {
-    let directory = match path.parent() {
-        Some(parent) if parent != Path::new("") => parent,
-        _ => Path::new("."),
-    };
+/// Checks that a file can be written where it is to go, before the work, and that its name says what
+/// is in it, by one of these extensions. A device or a pipe may have any name.
+fn output_file(path: &Path, extensions: &[&str]) -> Result<()> {
+    if is_stream(path) {
+        return Ok(());
+    }
     if path.is_dir() {
         return Err(Error::file(path, "is a directory; give the name of a file to write"));
     }
-    tempfile::tempfile_in(directory).map(drop).map_err(|e| {
+    if !has_extension(path, extensions) {
+        let known = extensions.join(", .");
+        return Err(Error::file(path, format_args!("its name must end in .{known}")));
+    }
+    tempfile::tempfile_in(folder(path)).map(drop).map_err(|e| {
         Error::file(path, format_args!("cannot write: {e}; give -o in a writable directory"))
     })
+}
+
+/// Parses an angle in degrees.
+fn degrees(text: &str) -> std::result::Result<f32, String> {
+    match text.parse::<f32>() {
+        // Beyond, turns of the circle are lost in rounding.
+        Ok(x) if x.abs() <= 3600.0 => Ok(x),
+        _ => Err("expected an angle in degrees".into()),
+    }
 }
 
 /// Parses a finite number above 0.
 fn positive(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        // In f32, too, as which most are kept.
+        Ok(x) if x as f32 > 0.0 && (x as f32).is_finite() => Ok(x),
         _ => Err("expected a number above 0".into()),
     }
 }
@@ -168,8 +182,8 @@ fn meshes(places: &[PathBuf]) -> Result<Vec<(PathBuf, Mesh)>> {
 
 /// The same of a model, whose name must tell a format that is written.
 fn model_file(path: &Path) -> Result<()> {
-    output_file(path)?;
-    interchange::can_write(path)
+    interchange::can_write(path)?;
+    output_file(path, &["3dmm", "h5", "hdf5", "h5.json"])
 }
 
 /// Reads a model in full precision, of any format; says what in its file is not as it should be.
@@ -181,9 +195,10 @@ fn read_model(console: Console, path: &Path) -> Result<Morphable> {
     Ok(model)
 }
 
-/// Writes a model in the format of the file's name; says what that cannot carry.
-fn write_model(console: Console, path: &Path, model: &Morphable) -> Result<()> {
-    interchange::write(model, path)?;
+/// Writes a model that was made of a file, in the format of the name of another; says what that cannot
+/// carry.
+fn write_model(console: Console, from: &Path, path: &Path, model: &Morphable) -> Result<()> {
+    interchange::write(model, from, path)?;
     for lost in interchange::lost(model, Format::of(path)) {
         console.say(format_args!("not in this format: {lost}"));
     }

@@ -5,7 +5,7 @@ use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::files::{has_extension, read_text, write_atomically};
 use onescan::interchange::Format;
-use onescan::interchange::mixture::{Mixture, is_mixture};
+use onescan::interchange::mixture::Mixture;
 use onescan::mesh::landmarks::{self, Point};
 use onescan::mesh::ply::{self, Encoding};
 use onescan::model::morphable::Morphable;
@@ -207,8 +207,8 @@ impl Model {
     }
 }
 
-/// Writes a model and says what it holds.
-fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
+/// Writes a model that was made of a file, and says what it holds.
+fn write(console: Console, from: &Path, path: &Path, model: &Morphable) -> Result<()> {
     let variance = |process: &Process| process.held() / process.vertices() as f64;
     console.say(format_args!(
         "{} vertices; shape: {} components, {:.3} mm² per vertex; albedo: {} components, {:.5}",
@@ -218,13 +218,13 @@ fn write(console: Console, path: &Path, model: &Morphable) -> Result<()> {
         model.albedo.rank(),
         variance(&model.albedo)
     ));
-    write_model(console, path, model)
+    write_model(console, from, path, model)
 }
 
 impl Project {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
-        self.coefficients.as_deref().map_or(Ok(()), output_file)?;
+        output_file(&self.output, &["ply"])?;
+        self.coefficients.as_deref().map_or(Ok(()), |path| output_file(path, &["json"]))?;
         let (model, mesh) = (read_model(console, &self.model)?, ply::read(&self.mesh)?);
         let variance = self.noise.map(|deviation| deviation * deviation);
         let [shape, albedo] =
@@ -335,7 +335,7 @@ impl Posterior {
         let mut posterior = model.posterior(&shape, &albedo)?;
         posterior.provenance =
             with_line(&posterior.provenance, "posterior_of", &sources.join(", "));
-        write(console, &self.output, &posterior)
+        write(console, &self.model, &self.output, &posterior)
     }
 
     fn observation(&self, model: &Morphable, position: &Point) -> Result<Observation> {
@@ -358,7 +358,7 @@ impl Region {
         let mut region = model.region(|v| part[v as usize])?.orthonormal()?;
         let from = format!("{} of {} vertices", region.shape.vertices(), part.len());
         region.provenance = with_line(&region.provenance, "region_of", &from);
-        write(console, &self.output, &region)
+        write(console, &self.model, &self.output, &region)
     }
 }
 
@@ -368,7 +368,7 @@ impl Recentre {
         let (model, mesh) = (read_model(console, &self.model)?, ply::read(&self.mesh)?);
         let mut moved = model.about(&mesh).map_err(|e| Error::file(&self.mesh, e))?;
         moved.provenance = with_line(&moved.provenance, "mean", &file_name(&self.mesh));
-        write(console, &self.output, &moved)
+        write(console, &self.model, &self.output, &moved)
     }
 }
 
@@ -382,7 +382,7 @@ impl Augment {
             "the means are {:.2} mm apart (root mean square)",
             model.mean_distance(&other)
         ));
-        write(console, &self.output, &both)
+        write(console, &self.model, &self.output, &both)
     }
 }
 
@@ -414,19 +414,13 @@ impl Occlusion {
         console.say(format_args!("hidden with probability {mean:.2}, vertices' average"));
         model.occlusion = Some(map);
         model.provenance = with_line(&model.provenance, "occlusion_map", &file_name(&self.map));
-        write(console, &self.output, &model)
+        write(console, &self.model, &self.output, &model)
     }
 }
 
 impl Mix {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
-        if !is_mixture(&self.output) {
-            return Err(Error::file(
-                &self.output,
-                "a mixture's name ends in .toml; give such a one",
-            ));
-        }
+        output_file(&self.output, &["toml"])?;
         let weights = match &self.weights[..] {
             [] => vec![1.0; self.models.len()],
             given if given.len() == self.models.len() => given.to_vec(),
@@ -469,7 +463,7 @@ impl Pca {
         };
         let unnamed = landmarks.is_empty();
         let model = Morphable::of_meshes(&meshes, landmarks)?;
-        write(console, &self.output, &model)?;
+        write(console, &paths[0], &self.output, &model)?;
         if unnamed {
             console.say("no --landmarks: the model can be sampled and rendered, but not fitted");
         }

@@ -1,6 +1,6 @@
 //! `onescan modes`.
 
-use super::{output_directory, positive};
+use super::{degrees, output_directory, positive};
 use clap::Args;
 use onescan::error::Result;
 use onescan::files::write_atomically;
@@ -28,7 +28,7 @@ pub(super) struct Modes {
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..=2048))]
     size: u32,
     /// Turn to the subject's left, degrees.
-    #[arg(long, default_value_t = 20.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 20.0, allow_negative_numbers = true, value_parser = degrees)]
     yaw: f32,
 }
 

@@ -1,6 +1,6 @@
 //! `onescan register`.
 
-use super::scan::Reading;
+use super::scan::{Placed, Reading};
 use super::{file_name, output_directory};
 use clap::Args;
 use onescan::error::{Error, Result};
@@ -105,7 +105,8 @@ impl Register {
                 if self.batch { self.output.join(folder(scan)) } else { self.output.clone() };
             let marks = self.landmarks.get(i);
             task.name(&file_name(scan));
-            match self.one(&model, scan, marks, &directory, (&mut task, steps * i as u64)) {
+            match self.one(console, &model, scan, marks, &directory, (&mut task, steps * i as u64))
+            {
                 Ok((line, value)) => {
                     console.say(line);
                     lines.push(value);
@@ -164,16 +165,20 @@ impl Register {
 
     fn one(
         &self,
+        console: Console,
         model: &Model<'_>,
         path: &Path,
         marks: Option<&PathBuf>,
         directory: &Path,
         (task, before): (&mut Task, u64),
     ) -> Result<(String, serde_json::Value)> {
-        let (mut scan, unit) = self.reading.read(path)?;
+        let Placed { mesh: mut scan, unit, origin, notes } = self.reading.read(path)?;
+        for note in notes {
+            console.say(Error::file(path, note));
+        }
         scan.points.as_flattened_mut().iter_mut().for_each(|c| *c *= unit);
         let known = match marks {
-            Some(file) => self.marks(model, file, unit)?,
+            Some(file) => self.marks(model, file, unit, origin)?,
             None => Vec::new(),
         };
         let places: Vec<_> = known.iter().map(|(_, at, vertex)| (*vertex, *at)).collect();
@@ -221,6 +226,7 @@ impl Register {
         model: &Model<'_>,
         file: &Path,
         unit: f32,
+        origin: [f64; 3],
     ) -> Result<Vec<(String, [f32; 3], u32)>> {
         let frame = self.reading.frame()?;
         let points = landmarks::read_points(file)?;
@@ -228,7 +234,8 @@ impl Register {
             .into_iter()
             .filter_map(|point| {
                 let (_, vertex) = model.landmarks().find(|(name, _)| *name == point.id)?;
-                let at = frame.turn(point.coordinates.map(|c| c as f32)).map(|c| c * unit);
+                let at = std::array::from_fn(|i| (point.coordinates[i] - origin[i]) as f32);
+                let at = frame.turn(at).map(|c| c * unit);
                 Some((point.id, at, vertex))
             })
             .collect();

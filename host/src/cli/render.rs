@@ -1,6 +1,6 @@
 //! `onescan render`.
 
-use super::{output_file, size};
+use super::{degrees, output_file, size};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::has_extension;
@@ -39,16 +39,9 @@ pub(super) struct Render {
     pitch: f32,
 }
 
-fn degrees(text: &str) -> std::result::Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(x) if x.is_finite() => Ok(x),
-        _ => Err("expected an angle in degrees".into()),
-    }
-}
-
 impl Render {
     pub(super) fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output)?;
+        output_file(&self.output, &["png"])?;
         let file = interchange::open(&self.model)?;
         let model = file.view();
         let (yaw, pitch) = (self.yaw.to_radians(), self.pitch.to_radians());

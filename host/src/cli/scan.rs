@@ -4,6 +4,7 @@ use super::file_name;
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::mesh::Mesh;
+use onescan::progress::Console;
 use onescan::scan::mesh_file::{self, Direction, Frame, Options};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -31,7 +32,8 @@ pub(super) struct Reading {
     /// Axis of the file the face looks along [default: z; if that is up, -y].
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     front: Option<Direction>,
-    /// Colour of what the file gives none: R,G,B up to 255, or #rrggbb.
+    /// Colour of what the file gives none: R,G,B up to 255, or #rrggbb. One flat material all over
+    /// counts as none.
     #[arg(long, visible_alias = "color", value_name = "R,G,B", value_parser = color)]
     colour: Option<[f32; 3]>,
     /// Texture to lay by the file's coordinates instead of what colours it has, PNG or JPEG.
@@ -40,6 +42,9 @@ pub(super) struct Reading {
     /// The texture's v axis points the other way than the format says.
     #[arg(long)]
     flip_v: bool,
+    /// Read textures, materials and buffers that the scan names outside its own directory.
+    #[arg(long)]
+    allow_outside: bool,
 }
 
 fn unit(text: &str) -> std::result::Result<f32, String> {
@@ -50,7 +55,7 @@ fn unit(text: &str) -> std::result::Result<f32, String> {
         _ => text
             .parse()
             .ok()
-            .filter(|unit: &f32| unit.is_finite() && *unit > 0.0)
+            .filter(|unit: &f32| (1e-9..=1e9).contains(unit))
             .ok_or_else(|| "expected mm, cm, m, or a number of millimetres, like 25.4".into()),
     }
 }
@@ -72,15 +77,30 @@ fn color(text: &str) -> std::result::Result<[f32; 3], String> {
     }
 }
 
+/// A scan as it was read.
+pub(super) struct Placed {
+    pub(super) mesh: Mesh,
+    /// How many millimetres its unit is.
+    pub(super) unit: f32,
+    /// What was subtracted from the file's coordinates.
+    pub(super) origin: [f64; 3],
+    /// What a person should know of how it was read.
+    pub(super) notes: Vec<String>,
+}
+
 impl Scan {
     /// Which way the scan stands in its file.
     pub(super) fn frame(&self) -> Result<Frame> {
         self.reading.frame()
     }
 
-    /// Reads the scan; also how many millimetres its unit is.
-    pub(super) fn read(&self) -> Result<(Mesh, f32)> {
-        self.reading.read(&self.path)
+    /// Reads the scan, and says what a person should know of that.
+    pub(super) fn read(&self, console: Console) -> Result<Placed> {
+        let placed = self.reading.read(&self.path)?;
+        for note in &placed.notes {
+            console.say(Error::file(&self.path, note));
+        }
+        Ok(placed)
     }
 }
 
@@ -102,6 +122,7 @@ impl Reading {
         add("colour", bytes.map(|bytes| format!(" {}", bytes.join(","))));
         add("texture", self.texture.as_deref().map(|path| format!(" {}", file_name(path))));
         add("flip-v", self.flip_v.then(String::new));
+        add("allow-outside", self.allow_outside.then(String::new));
         text
     }
 
@@ -110,15 +131,16 @@ impl Reading {
         Frame::new(self.up, self.front)
     }
 
-    /// Reads a scan; also how many millimetres its unit is.
-    pub(super) fn read(&self, path: &Path) -> Result<(Mesh, f32)> {
+    /// Reads a scan.
+    pub(super) fn read(&self, path: &Path) -> Result<Placed> {
         let options = Options {
             color: self.colour,
             texture: self.texture.clone(),
             flip_v: self.flip_v,
+            allow_outside: self.allow_outside,
             frame: self.frame()?,
         };
-        let (mesh, format) = mesh_file::read(path, &options)?;
+        let mesh_file::Scan { mesh, format, origin, notes } = mesh_file::read(path, &options)?;
         let unit = self.unit.unwrap_or(format.millimetres());
         if mesh.points.as_flattened().iter().any(|c| !(c * unit).is_finite()) {
             return Err(Error::file(
@@ -126,6 +148,6 @@ impl Reading {
                 format_args!("a unit of {unit} mm does not suit this scan; give mm, cm or m"),
             ));
         }
-        Ok((mesh, unit))
+        Ok(Placed { mesh, unit, origin, notes })
     }
 }

@@ -21,6 +21,7 @@
 
 use crate::demo;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::mesh::Mesh;
 use crate::mesh::ply;
 use crate::scan::rigid::Rigid;
@@ -122,7 +123,7 @@ pub fn scan_meshes(fixtures: &Path) -> Result<Vec<Mesh>> {
 
 /// The N planes of a packed file, each a whole number of fields of the template's size.
 fn inflate<const N: usize>(path: &Path, template: &Template) -> Result<[Vec<u8>; N]> {
-    let packed = std::fs::read(path).map_err(|e| {
+    let packed = files::read(path).map_err(|e| {
         Error::file(path, format_args!("{e}; give --fixtures, the directory of that name"))
     })?;
     let mut bytes = Vec::new();

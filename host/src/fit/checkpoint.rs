@@ -2,13 +2,14 @@
 
 use super::TracePoint;
 use crate::error::{Error, Result};
+use crate::files;
 use onescan_core::chain::{Checkpoint, Config};
 use onescan_core::hash::fnv64;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// First bytes of a checkpoint file, version included.
-const MAGIC: [u8; 8] = *b"1scanck3";
+const MAGIC: [u8; 8] = *b"1scanck4";
 
 /// What a checkpoint belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,8 +40,8 @@ pub struct ChainSave {
 pub struct Save {
     /// What it belongs to.
     pub identity: Identity,
-    /// Its chains, in order.
-    pub chains: Vec<ChainSave>,
+    /// Its chains, in order; none of one that had not begun.
+    pub chains: Vec<Option<ChainSave>>,
 }
 
 impl Save {
@@ -74,7 +75,7 @@ impl Save {
     /// # Errors
     /// As [`Save::parse`], naming the file.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| {
+        let bytes = files::read(path).map_err(|e| {
             Error::file(path, format_args!("{e}; --resume continues an interrupted fit only"))
         })?;
         Self::parse(&bytes).map_err(|e| Error::file(path, e))

@@ -28,7 +28,7 @@ use onescan_core::likelihood::landmarks::Observation;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
 #[cfg(feature = "full")]
-pub use parallel::{Control, Ending, find_mode};
+pub use parallel::{Control, Ending, Keep, find_mode};
 pub use schedule::Schedule;
 use std::collections::BTreeMap;
 #[cfg(feature = "full")]
@@ -289,6 +289,12 @@ impl<'a, 'w> Running<'a, 'w> {
     /// The log likelihood by step so far.
     pub fn trace(&self) -> &[TracePoint] {
         &self.trace
+    }
+
+    /// What it takes to go on from here.
+    #[cfg(feature = "full")]
+    pub(crate) fn save(&self) -> ChainSave {
+        ChainSave { checkpoint: self.chain.checkpoint().clone(), trace: self.trace.clone() }
     }
 
     /// What it came to, `seconds` after it started.

@@ -3,7 +3,7 @@
 use super::{Fit, Job, Schedule, landmarks};
 use crate::error::{Error, Result};
 #[cfg(feature = "full")]
-use crate::files::write_atomically;
+use crate::files::publish;
 use crate::fit::rps::Rps;
 use crate::fit::summary::{
     BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summaries, Summary, hex,
@@ -20,10 +20,7 @@ use onescan_core::model::Model;
 use onescan_core::scene::{Scene, Subject};
 use std::fmt::{Display, Write as _};
 #[cfg(feature = "full")]
-use std::{
-    io::{ErrorKind, Write as _},
-    path::Path,
-};
+use std::path::Path;
 
 /// Longer side of the face's pictures, pixels.
 const SIDE: u32 = 512;
@@ -407,38 +404,71 @@ pub fn files_of_all(results: &[Finished]) -> Result<Vec<(&'static str, Vec<u8>)>
     Ok(all)
 }
 
-/// Writes [`files`] into a directory.
+/// The file by which others know that a directory holds a fit, and that of fits to several photos.
+#[cfg(feature = "full")]
+const RESULTS: [&str; 2] = ["fit.json", "summary.json"];
+
+/// Writes [`files`] and `more` into a directory, all or none: fit.json is the last of them.
 ///
 /// # Errors
 /// Files that cannot be written.
 #[cfg(feature = "full")]
-pub fn write(directory: &Path, result: &Finished) -> Result<()> {
-    for (name, bytes) in files(result)? {
-        write_atomically(&directory.join(name), |out| out.write_all(&bytes))?;
-    }
-    clear(directory, &result.summary, result.pictures.masked.is_some(), result.found.is_some())
+pub fn write(
+    directory: &Path,
+    result: &Finished,
+    mut more: Vec<(&'static str, Vec<u8>)>,
+) -> Result<()> {
+    let [own, other] = RESULTS;
+    more.extend(files(result)?);
+    more.sort_by_key(|(name, _)| *name == own);
+    let mut gone = stale(result, true);
+    gone.extend(["report.html", other]);
+    publish(directory, &more, &gone)
 }
 
-/// Removes what an earlier fit left in a directory and this one has not written.
+/// Writes what fits to several photos leave behind, each fit's [`files`] to a folder of its own, and
+/// `page` as their report; all or none: summary.json is the last.
 ///
 /// # Errors
-/// Files that cannot be removed.
+/// Files that cannot be written; the folders must be there.
 #[cfg(feature = "full")]
-pub fn clear(directory: &Path, summary: &Summary, masked: bool, found: bool) -> Result<()> {
-    let stale = |absent: bool, names: &'static [&'static str]| if absent { names } else { &[] };
-    let masked = stale(!masked, &MASKED);
-    let found = stale(!found, &FOUND);
-    let sampled = stale(summary.posterior.is_none(), &SAMPLED);
-    let mixed = stale(summary.mixture.is_empty(), &MIXED);
-    for name in masked.iter().chain(found).chain(sampled).chain(mixed) {
-        match std::fs::remove_file(directory.join(name)) {
-            Err(e) if e.kind() != ErrorKind::NotFound => {
-                return Err(Error::file(&directory.join(name), e));
-            }
-            _ => {}
-        }
+pub fn write_all(
+    directory: &Path,
+    results: &[Finished],
+    folders: &[String],
+    mut more: Vec<(&'static str, Vec<u8>)>,
+) -> Result<()> {
+    let (mut all, mut gone) = (Vec::new(), Vec::new());
+    let [single, last] = RESULTS;
+    for (result, folder) in results.iter().zip(folders) {
+        let within = |name: &str| format!("{folder}/{name}");
+        all.extend(files(result)?.into_iter().map(|(name, bytes)| (within(name), bytes)));
+        let old = stale(result, true);
+        gone.extend(old.into_iter().chain(["report.html", single]).map(within));
     }
-    Ok(())
+    more.extend(files_of_all(results)?);
+    more.sort_by_key(|(name, _)| *name == last);
+    all.extend(more.into_iter().map(|(name, bytes)| (name.to_string(), bytes)));
+    if let Some(first) = results.first() {
+        gone.extend(stale(first, false).into_iter().map(String::from));
+    }
+    gone.extend(["report.html", single].map(String::from));
+    publish(directory, &all, &gone)
+}
+
+/// What an earlier fit may have left in a directory and this one does not write there: its `own`, or of
+/// several photos the directory of all.
+#[cfg(feature = "full")]
+fn stale(result: &Finished, own: bool) -> Vec<&'static str> {
+    let unless = |there: bool, names: &'static [&'static str]| if there { &[] } else { names };
+    let Finished { summary, pictures, found, .. } = result;
+    [
+        unless(own && pictures.masked.is_some(), &MASKED),
+        unless(own && found.is_some(), &FOUND),
+        unless(summary.posterior.is_some(), &SAMPLED),
+        unless(!summary.mixture.is_empty(), &MIXED),
+    ]
+    .concat()
 }
 
 /// One line that says how the fit went.

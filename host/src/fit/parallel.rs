@@ -12,8 +12,9 @@ use onescan_core::posterior;
 use onescan_core::search::unknowns::Parts;
 use onescan_core::search::{self, Options};
 use rayon::prelude::*;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What the caller sees and says while a fit runs.
 pub struct Control<'a> {
@@ -22,6 +23,12 @@ pub struct Control<'a> {
     /// Steps done by all chains, for a progress bar.
     pub steps: &'a AtomicU64,
 }
+
+/// How long a fit goes on before it is kept again.
+const EVERY: Duration = Duration::from_secs(3);
+
+/// Keeps what continues a fit.
+pub type Keep<'a> = dyn Fn(&Save) -> Result<()> + Sync + 'a;
 
 /// How a fit ended.
 pub enum Ending {
@@ -69,6 +76,20 @@ impl Job<'_> {
     /// Landmarks the model does not have, a crop that does not fit the photo, a checkpoint of
     /// another job.
     pub fn run(&self, resume: Option<Save>, control: &Control<'_>) -> Result<Ending> {
+        self.run_kept(resume, control, &|_| Ok(()))
+    }
+
+    /// [`run`](Self::run), in which `keep` is given what continues the fit every few seconds, if it is
+    /// a chain's. Should that fail, the fit goes on: its result is worth more.
+    ///
+    /// # Errors
+    /// See [`run`](Self::run).
+    pub fn run_kept(
+        &self,
+        resume: Option<Save>,
+        control: &Control<'_>,
+        keep: &Keep<'_>,
+    ) -> Result<Ending> {
         if self.schedule == Schedule::Mode {
             let found = find_mode(std::slice::from_ref(self), control)?;
             let fit = found.into_iter().flatten().next();
@@ -86,7 +107,17 @@ impl Job<'_> {
                          settings; repeat the first command exactly, or fit without --resume",
                     ));
                 }
-                save.chains.into_iter().map(Some).collect()
+                save.chains
+            }
+        };
+        let shelf = Mutex::new((Instant::now(), saves.clone()));
+        let shelve = |number: usize, chain: &Running<'_, '_>| {
+            let Ok(mut shelf) = shelf.lock() else { return };
+            let (last, chains) = &mut *shelf;
+            chains[number] = Some(chain.save());
+            if last.elapsed() >= EVERY {
+                let _ = keep(&Save { identity: self.identity(), chains: chains.clone() });
+                *last = Instant::now();
             }
         };
         let runs = saves
@@ -95,11 +126,11 @@ impl Job<'_> {
             .map(|(number, save)| {
                 let mut memory = vec![0_u32; problem.dimensions().words()];
                 let running = Running::start(problem, self.seed, number as u32, save, &mut memory)?;
-                Ok(to_the_end(running, control))
+                Ok(to_the_end(running, control, |chain| shelve(number, chain)))
             })
             .collect::<Result<Vec<_>>>()?;
         if control.stop.load(Ordering::Relaxed) && !runs.iter().all(|run| run.finished) {
-            let chains = runs.into_iter().map(|run| run.save).collect();
+            let chains = runs.into_iter().map(|run| Some(run.save)).collect();
             let save = Save { identity: self.identity(), chains };
             return Ok(Ending::Stopped(Some(Box::new(save))));
         }
@@ -210,13 +241,23 @@ impl<'a> Look<'a> {
     }
 }
 
-/// Runs a chain to its end, or until it is to stop.
-fn to_the_end(mut running: Running<'_, '_>, control: &Control<'_>) -> Run {
+/// Runs a chain to its end, or until it is to stop; every now and then it is shelved.
+fn to_the_end(
+    mut running: Running<'_, '_>,
+    control: &Control<'_>,
+    shelve: impl Fn(&Running<'_, '_>),
+) -> Run {
     let (before, _) = running.chain.progress();
     control.steps.fetch_add(u64::from(before), Ordering::Relaxed);
     let start = Instant::now();
+    let mut last = start;
     while !control.stop.load(Ordering::Relaxed) && running.step().is_some() {
         control.steps.fetch_add(1, Ordering::Relaxed);
+        if last.elapsed() >= EVERY {
+            shelve(&running);
+            last = Instant::now();
+        }
     }
+    shelve(&running);
     running.end(start.elapsed().as_secs_f64())
 }

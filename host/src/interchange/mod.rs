@@ -7,7 +7,7 @@ pub mod mixture;
 pub mod statismo;
 
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
+use crate::files::{self, write_atomically};
 use crate::model::morphable::{Import, Morphable};
 use crate::model_file::OwnedModel;
 use hdf5::{BinaryFile, JsonFile};
@@ -57,7 +57,7 @@ pub fn read(path: &Path) -> Result<Import> {
             Ok(Import { model: Morphable::of(&file.view()), notes: Vec::new() })
         }
         format => {
-            let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+            let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
             parse(format, bytes).map_err(fault)
         }
     }
@@ -100,13 +100,15 @@ pub fn parse(format: Format, bytes: Vec<u8>) -> Result<Import> {
     }
 }
 
-/// Writes a model in the format of the file's name, whole or not at all.
+/// Writes a model, which was made of the file `from`, in the format of the file's name, whole or not
+/// at all.
 ///
 /// # Errors
-/// When the place cannot be written, or the format is only read.
-pub fn write(model: &Morphable, path: &Path) -> Result<()> {
+/// When the place cannot be written, or the format is only read; naming `from`, when the format cannot
+/// hold the model.
+pub fn write(model: &Morphable, from: &Path, path: &Path) -> Result<()> {
     match Format::of(path) {
-        Format::ThreeDmm => model.to_model(i16::MAX).map_err(|e| Error::file(path, e))?.write(path),
+        Format::ThreeDmm => model.to_model(i16::MAX).map_err(|e| Error::file(from, e))?.write(path),
         Format::Hdf5 => {
             let root = statismo::write(model);
             write_atomically(path, |out| root.write(out))

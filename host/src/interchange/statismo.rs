@@ -35,6 +35,10 @@ const MILLIMETRES: f64 = 1000.0;
 /// Metres that a unit of the coordinates is long; only files written in C++ say so.
 const LENGTH_UNIT: &str = "shape/representer/length-unit";
 
+/// Of models that lack colours.
+const SHAPE_ALONE: &str = "this is a model of shape alone, which is not taken: what is drawn and fitted \
+                           needs colours as well; take a model that has them, or build one of a scan";
+
 /// What the format cannot say about when a model was built; nothing reads it.
 const BUILD_TIME: &str = "not recorded";
 
@@ -45,6 +49,9 @@ const BUILD_TIME: &str = "not recorded";
 /// different references.
 pub fn read(file: &dyn Store) -> Result<Import> {
     let reader = Reader { file };
+    if !reader.has("shape")? && file.shape("model/mean")?.is_some() {
+        return Err(Error::new(format_args!("model/mean: {SHAPE_ALONE}")));
+    }
     let (reference, triangles) = reader.reference("shape")?;
     for part in ["color", "expression"] {
         if reader.has(part)? && reader.reference(part)?.0 != reference {
@@ -55,9 +62,9 @@ pub fn read(file: &dyn Store) -> Result<Import> {
         }
     }
     if !reader.has("color")? {
-        return Err(Error::new(
-            "color/model/mean: there is no such dataset; a model needs shape and colour",
-        ));
+        return Err(Error::new(format_args!(
+            "color/model/mean: there is no such dataset; {SHAPE_ALONE}"
+        )));
     }
     reader.is_rgb()?;
 
@@ -82,7 +89,7 @@ pub fn read(file: &dyn Store) -> Result<Import> {
     let model = Morphable {
         reference: (reference != shape.mean).then_some(reference),
         shape,
-        albedo: reader.process("color", vertices)?,
+        albedo: reader.colors(vertices)?,
         expression,
         triangles,
         landmarks,
@@ -269,6 +276,19 @@ impl Reader<'_> {
         Ok(Process::new(mean, basis, variances, noise))
     }
 
+    /// The process of colours, which lie between 0 and 1.
+    fn colors(&self, vertices: usize) -> Result<Process> {
+        let process = self.process("color", vertices)?;
+        let sum: f64 = process.mean.as_flattened().iter().copied().map(f64::from).sum();
+        if sum > 3.0 * vertices as f64 {
+            return Err(Error::new(
+                "color/model/mean: most colours are above 1, as if of 0 to 255; divide it by 255 (and \
+                 pcaVariance by its square, if that is so, too)",
+            ));
+        }
+        Ok(process)
+    }
+
     /// Landmarks as vertices of the reference, in the file's unit.
     fn landmarks(
         &self,
@@ -424,7 +444,8 @@ pub fn write(model: &Morphable) -> Group {
             uncertainty: model.uncertainties.get(&landmark.name).copied(),
         })
         .collect();
-    root.put("metadata/landmarks/json", &[1], Values::Text(landmarks::to_json(&points)));
+    // Without an axis: so scalismo-faces wants it.
+    root.put("metadata/landmarks/json", &[], Values::Text(landmarks::to_json(&points)));
     root
 }
 

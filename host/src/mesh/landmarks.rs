@@ -67,7 +67,7 @@ impl Uncertainty {
 struct Entry {
     id: String,
     vertex: Option<u64>,
-    coordinates: Option<[f32; 3]>,
+    coordinates: Option<[f64; 3]>,
     uncertainty: Option<Uncertainty>,
 }
 
@@ -85,21 +85,38 @@ fn entries(text: &str) -> Result<Vec<Entry>> {
 /// When the file cannot be read, and those of [`parse`]; they name the file.
 #[cfg(feature = "full")]
 pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
+    read_moved(path, points, [0.0; 3], millimetres)
+}
+
+/// [`read`] for a scan from whose coordinates `origin` was subtracted, from those of the file not.
+///
+/// # Errors
+/// See [`read`].
+#[cfg(feature = "full")]
+pub fn read_moved(
+    path: &Path,
+    points: &[[f32; 3]],
+    origin: [f64; 3],
+    millimetres: f32,
+) -> Result<Vec<Landmark>> {
     let text = read_text(path)?;
-    let Some(foreign) = foreign::points(path, &text) else {
-        return parse(&text, points, millimetres).map_err(|e| Error::file(path, e));
-    };
-    let foreign = foreign.and_then(checked).map_err(|e| Error::file(path, e))?;
-    let put = |sign: f64| {
-        let entry = |Point { id, coordinates: [x, y, z], .. }: &Point| Entry {
-            id: id.clone(),
-            vertex: None,
-            coordinates: Some([sign * x, sign * y, *z].map(|c| c as f32)),
-            uncertainty: None,
+    let read = || {
+        let Some(foreign) = foreign::points(path, &text) else {
+            return place(&entries(&text)?, points, origin, millimetres);
         };
-        place(&foreign.iter().map(entry).collect::<Vec<_>>(), points, millimetres)
+        let foreign = checked(foreign?)?;
+        let put = |sign: f64| {
+            let entry = |Point { id, coordinates: [x, y, z], .. }: &Point| Entry {
+                id: id.clone(),
+                vertex: None,
+                coordinates: Some([sign * x, sign * y, *z]),
+                uncertainty: None,
+            };
+            place(&foreign.iter().map(entry).collect::<Vec<_>>(), points, origin, millimetres)
+        };
+        put(1.0).or_else(|e| put(-1.0).map_err(|_| e))
     };
-    put(1.0).or_else(|e| put(-1.0).map_err(|_| e)).map_err(|e| Error::file(path, e))
+    read().map_err(|e| Error::file(path, e))
 }
 
 /// Parses landmarks: a JSON array of `{"id", "vertex"?, "coordinates": [x, y, z]?, …}`.
@@ -111,11 +128,16 @@ pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
 /// Malformed JSON (with line and column), empty or repeated names, a vertex out of range,
 /// coordinates that are not finite or farther than [`MAX_DISTANCE`] from every vertex.
 pub fn parse(text: &str, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
-    place(&entries(text)?, points, millimetres)
+    place(&entries(text)?, points, [0.0; 3], millimetres)
 }
 
-/// The vertices of entries.
-fn place(entries: &[Entry], points: &[[f32; 3]], millimetres: f32) -> Result<Vec<Landmark>> {
+/// The vertices of entries, from whose coordinates `origin` is to be subtracted.
+fn place(
+    entries: &[Entry],
+    points: &[[f32; 3]],
+    origin: [f64; 3],
+    millimetres: f32,
+) -> Result<Vec<Landmark>> {
     let mut names = HashSet::new();
     let mut landmarks = Vec::new();
     for (i, entry) in entries.iter().enumerate() {
@@ -128,6 +150,7 @@ fn place(entries: &[Entry], points: &[[f32; 3]], millimetres: f32) -> Result<Vec
         let vertex = match (entry.vertex, entry.coordinates) {
             (Some(vertex), _) => usize::try_from(vertex).unwrap_or(usize::MAX),
             (None, Some(at)) => {
+                let at = std::array::from_fn(|i| (at[i] - origin[i]) as f32);
                 let (vertex, distance) = nearest(points, at);
                 let distance = distance * millimetres;
                 // Not `>`: a distance that is not a number is too far as well.

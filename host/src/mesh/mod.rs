@@ -1,8 +1,11 @@
 //! Coloured triangle meshes in memory; beside them landmarks, PLY, and glTF out.
 
+#[cfg(feature = "full")]
+pub(crate) mod far;
 pub mod glb;
 pub mod landmarks;
 pub mod ply;
+pub(crate) mod polygon;
 
 use onescan_core::math;
 use std::collections::HashMap;
@@ -48,6 +51,15 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     let v = v.map(f64::from);
     let length = math::sqrt_f64(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     (length > 0.0).then(|| v.map(|x| (x / length) as f32))
+}
+
+/// How far beyond 0 and 1 a stored colour may lie by rounding.
+const OVERSHOOT: f32 = 0.01;
+
+/// A colour brought into `[0, 1]`, where it lies but for rounding; else none.
+pub(crate) fn in_range(color: [f32; 3]) -> Option<[f32; 3]> {
+    let near = color.iter().all(|c| (-OVERSHOOT..=1.0 + OVERSHOOT).contains(c));
+    near.then(|| color.map(|c| c.clamp(0.0, 1.0)))
 }
 
 /// A coordinate axis; as a mirror it names the plane through the origin normal to it.

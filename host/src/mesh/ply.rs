@@ -1,27 +1,22 @@
 //! PLY meshes with vertex colours or a texture: reading of ascii and both binary encodings, and writing.
 //!
 //! Grammar and payload are the crate `ply-rs-bw`'s; this module bounds what a header may claim
-//! by what the file holds, picks out positions, colours and faces, and checks them.
+//! by what the file holds, splits text into rows (of which that crate takes one way to write them),
+//! picks out positions, colours and faces, and checks them.
+
+mod row;
 
 use crate::error::{Error, Result};
-use crate::mesh::Mesh;
-use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use crate::files;
+use crate::mesh::polygon::Cutter;
+use crate::mesh::{Mesh, in_range};
+use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{
-    ElementDef, Encoding as Stored, Property, PropertyAccess, PropertyAccessResult, PropertyType,
-    ScalarType,
+    ElementDef, Encoding as Stored, Header, PropertyAccess, PropertyType, ScalarType,
 };
-use std::io::{self, Read, Write};
+use row::{FACE_UV_NAME, Face, PAGE_NAME, POSITION_NAMES, UV_NAMES, Vertex};
+use std::io::{self, ErrorKind, Write};
 use std::path::Path;
-
-/// What programs call the colour of a vertex; the first complete triple is taken.
-const COLOR_NAMES: [[&str; 3]; 3] =
-    [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
-const POSITION_NAMES: [&str; 3] = ["x", "y", "z"];
-const CORNER_NAMES: [&str; 2] = ["vertex_indices", "vertex_index"];
-/// What programs call the texture coordinates of a vertex; the first complete pair is taken.
-const UV_NAMES: [[&str; 2]; 3] = [["texture_u", "texture_v"], ["s", "t"], ["u", "v"]];
-/// And those of a face's corners: u and v of each in turn.
-const FACE_UV_NAME: &str = "texcoord";
 
 /// How numbers are written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,19 +30,24 @@ pub enum Encoding {
 
 /// What a PLY file says of a surface.
 ///
-/// Guarantees: those of [`Mesh`], but for the colours.
+/// Guarantees: those of [`Mesh`], but for the colours; as many entries per triangle, where there are
+/// any, as triangles.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Parts {
     /// Vertex positions.
-    pub points: Vec<[f32; 3]>,
+    pub points: Vec<[f64; 3]>,
     /// Vertex colours, RGB in `[0, 1]`.
     pub colors: Option<Vec<[f32; 3]>>,
     /// Corner indices.
     pub triangles: Vec<[u32; 3]>,
+    /// Colours of the triangles.
+    pub face_colors: Option<Vec<[f32; 3]>>,
     /// Texture coordinates of the triangles' corners, v up; not checked.
     pub uvs: Option<Vec<[[f32; 2]; 3]>>,
-    /// The file of the texture (`comment TextureFile name`).
-    pub texture: Option<String>,
+    /// Which of the textures lies on each triangle; not checked.
+    pub pages: Option<Vec<i64>>,
+    /// The files of the textures (`comment TextureFile name`).
+    pub textures: Vec<String>,
 }
 
 /// Reads a PLY file.
@@ -55,15 +55,15 @@ pub struct Parts {
 /// # Errors
 /// When the file cannot be read, and those of [`parse`]; they name the file.
 pub fn read(path: &Path) -> Result<Mesh> {
-    let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+    let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
     parse(&bytes).map_err(|e| Error::file(path, e))
 }
 
 /// Parses the bytes of a PLY file.
 ///
 /// Positions keep the file's unit, in f32. Colours become RGB in `[0, 1]`: 16-bit unsigned ones
-/// divided by 65535, other integers by 255, floats as they are. Polygons are cut into fans.
-/// Other properties and elements are skipped.
+/// divided by 65535, unless none exceeds 255, other integers by 255, floats as they are. Polygons and
+/// strips are cut into triangles. Other properties and elements are skipped.
 ///
 /// # Errors
 /// Anything that would break the guarantees of [`Mesh`], each with its place in the file; float
@@ -77,7 +77,19 @@ pub fn parse(bytes: &[u8]) -> Result<Mesh> {
              bake the texture to vertex colours and export again",
         )
     })?;
+    let points: Vec<_> = points.iter().map(|p| p.map(|c| c as f32)).collect();
+    if let Some((i, point)) = points.iter().enumerate().find(|(_, p)| !finite(**p)) {
+        return Err(not_finite(i, point));
+    }
     Ok(Mesh { points, colors, triangles })
+}
+
+fn finite<T: Copy + Into<f64>>(point: [T; 3]) -> bool {
+    point.into_iter().all(|c| c.into().is_finite())
+}
+
+fn not_finite(vertex: usize, point: &dyn std::fmt::Debug) -> Error {
+    Error::new(format_args!("vertex {vertex}: position {point:?} is not finite; remove the vertex"))
 }
 
 /// Parses the bytes of a PLY file whose colours may be elsewhere: in a texture, or nowhere.
@@ -85,76 +97,201 @@ pub fn parse(bytes: &[u8]) -> Result<Mesh> {
 /// # Errors
 /// Those of [`parse`], but for missing colours.
 pub fn parse_parts(bytes: &[u8]) -> Result<Parts> {
-    if !(bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r")) {
-        return Err(Error::new(
-            "not a PLY file (the first line is not `ply`); export the scan as PLY",
-        ));
-    }
-    let end = bytes.windows(10).position(|w| w == b"end_header").unwrap_or(bytes.len());
-    // Comments are in whatever encoding the author's machine had.
-    let text = String::from_utf8_lossy(&bytes[..end]);
-    let mut reader = Reader::new(text.as_bytes().chain(&bytes[end..]));
-    let header = Parser::<Skipped>::new().read_header(&mut reader).map_err(malformed)?;
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let (text, body) = split(bytes)?;
+    let header = header(&text)?;
     let properties = text.lines().filter(|l| l.trim_start().starts_with("property")).count();
     if properties != header.elements.values().map(|e| e.properties.len()).sum::<usize>() {
         return Err(Error::new("header: an element or property is declared twice; rename one"));
     }
-    let available = bytes.len() - end;
     for element in header.elements.values() {
         let least = least_size(element, header.encoding);
-        if element.count.saturating_mul(least) > available {
+        if element.count.saturating_mul(least) > body.len() {
             return Err(Error::new(format_args!(
-                "header: {} x {} cannot fit into the {available} bytes that follow; \
+                "header: {} x {} cannot fit into the {} bytes that follow; \
                  the file is cut short or damaged, export it again",
-                element.count, element.name
+                element.count,
+                element.name,
+                body.len()
             )));
         }
     }
-
-    let mut vertices = Vec::new();
-    let mut faces = Vec::new();
-    let (mut colored, mut vertex_uvs, mut face_uvs) = (false, false, false);
+    let head = &bytes[..bytes.len() - body.len()];
+    let end = if head.contains(&b'\n') { b'\n' } else { b'\r' };
+    let lines = head.split(|b| *b == end).count();
+    let mut rows = Rows { header: &header, rest: body, line: lines };
+    let mut vertices: (Vec<Vertex>, Option<&ElementDef>) = (Vec::new(), None);
+    let mut faces: (Vec<Face>, Option<&ElementDef>) = (Vec::new(), None);
+    let mut strips = Vec::new();
     for element in header.elements.values() {
         match element.name.as_str() {
             "vertex" => {
                 if !has_all(element, &POSITION_NAMES) {
                     return Err(Error::new("vertices have no x, y, z; export the scan as a mesh"));
                 }
-                colored = COLOR_NAMES.iter().any(|names| has_all(element, names));
-                vertex_uvs = UV_NAMES.iter().any(|names| has_all(element, names));
-                vertices = Parser::<Vertex>::new()
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(malformed)?;
-                choose_names(element, &mut vertices);
+                vertices = (rows.read(element)?, Some(element));
             }
-            "face" => {
-                face_uvs = element.properties.contains_key(FACE_UV_NAME);
-                faces = Parser::<Face>::new()
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(malformed)?;
-            }
+            "face" => faces = (rows.read(element)?, Some(element)),
+            "tristrips" => strips = rows.read(element)?,
             _ => {
-                Parser::<Skipped>::new()
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(malformed)?;
+                rows.read::<row::Skipped>(element)?;
             }
         }
     }
-    let mesh = assemble(&vertices, &faces, colored)?;
-    let uvs = if face_uvs {
-        Some(corner_uvs(&faces)?)
-    } else {
-        let corners = |t: &[u32; 3]| t.map(|v| vertices[v as usize].uvs[0]);
-        vertex_uvs.then(|| mesh.triangles.iter().map(corners).collect())
+    let ((vertices, vertex), (faces, face)) = (vertices, faces);
+    let (mut parts, cuts) = assemble(&vertices, &faces, &strips)?;
+    let colors = vertex.and_then(|element| row::colors(element, &vertices));
+    parts.colors = colors.map(|colors| checked(colors, "vertex")).transpose()?;
+    let uv = vertex.and_then(|e| UV_NAMES.iter().position(|names| has_all(e, names)));
+    if let Some(face) = face.filter(|_| strips.is_empty()) {
+        let of_faces = |i: &u32| *i as usize;
+        if let Some(colors) = row::colors(face, &faces) {
+            let colors = checked(colors, "face")?;
+            parts.face_colors = Some(cuts.iter().map(|(i, _)| colors[of_faces(i)]).collect());
+        }
+        if face.properties.contains_key(PAGE_NAME) {
+            parts.pages = Some(cuts.iter().map(|(i, _)| faces[of_faces(i)].page).collect());
+        }
+        if face.properties.contains_key(FACE_UV_NAME) {
+            parts.uvs = Some(corner_uvs(&faces, &cuts)?);
+        }
+    }
+    if let (None, Some(uv)) = (&parts.uvs, uv) {
+        let corners = |t: &[u32; 3]| t.map(|v| vertices[v as usize].uvs[uv]);
+        parts.uvs = Some(parts.triangles.iter().map(corners).collect());
+    }
+    let named = |line: &str| Some(line.trim().strip_prefix("comment TextureFile")?.to_owned());
+    parts.textures = text
+        .lines()
+        .filter_map(named)
+        .map(|name| name.trim_start_matches([':', ' ', '\t']).trim_end().to_owned())
+        .collect();
+    Ok(parts)
+}
+
+/// The header's last line.
+const END: &[u8] = b"end_header";
+
+/// The header's text, its lines ended by line feeds and none of them blank, and the bytes behind it.
+fn split(bytes: &[u8]) -> Result<(String, &[u8])> {
+    let Some(after) = bytes
+        .strip_prefix(b"ply")
+        .filter(|rest| rest.starts_with(b"\n") || rest.starts_with(b"\r"))
+    else {
+        return Err(Error::new(
+            "not a PLY file (the first line is not `ply`); export the scan as PLY",
+        ));
     };
-    let named = |line: &str| Some(line.trim().strip_prefix("comment TextureFile")?.trim().into());
-    Ok(Parts {
-        points: mesh.points,
-        colors: colored.then_some(mesh.colors),
-        triangles: mesh.triangles,
-        uvs,
-        texture: text.lines().find_map(named),
+    // A lone carriage return ends the lines of a header that has no line feed behind the first.
+    let lone = after.starts_with(b"\r") && !after.starts_with(b"\r\n");
+    let starts = |at: usize| at > 0 && matches!(bytes[at - 1], b'\n' | b'\r');
+    let end = bytes.windows(END.len()).enumerate().find(|(at, w)| *w == END && starts(*at));
+    let Some((end, _)) = end else {
+        return Err(Error::new(
+            "header: has no line `end_header`; the file is cut short or damaged, export it again",
+        ));
+    };
+    // Comments are in whatever encoding the author's machine had.
+    let text = String::from_utf8_lossy(&bytes[..end + END.len()]);
+    let lines = text.split(['\n', '\r']).filter(|line| !line.trim().is_empty());
+    let text = lines.fold(String::new(), |text, line| text + line.trim() + "\n");
+    let mut body = &bytes[end + END.len()..];
+    while let [b' ' | b'\t', rest @ ..] = body {
+        body = rest;
+    }
+    let body = match body {
+        [b'\r', b'\n', rest @ ..] if !lone => rest,
+        [b'\r' | b'\n', rest @ ..] | rest => rest,
+    };
+    Ok((text, body))
+}
+
+/// Parses the header's text.
+fn header(text: &str) -> Result<Header> {
+    let read = Parser::<row::Skipped>::new().read_header(&mut Reader::new(text.as_bytes()));
+    read.map_err(|e| {
+        let line = e.line().and_then(|line| text.lines().nth(line.saturating_sub(1)));
+        let what = match line {
+            Some(line) => format!("`{}` is not understood", row::start(line)),
+            None => "has no line `format` with a version".into(),
+        };
+        Error::new(format_args!("header: {what}; the file is damaged, export it again"))
     })
+}
+
+/// What follows the header, element by element.
+struct Rows<'a> {
+    header: &'a Header,
+    rest: &'a [u8],
+    /// Of a text: the line that `rest` begins with, from 1.
+    line: usize,
+}
+
+impl Rows<'_> {
+    fn read<E: PropertyAccess>(&mut self, element: &ElementDef) -> Result<Vec<E>> {
+        let parser = Parser::<E>::new();
+        if self.header.encoding != Stored::Ascii {
+            let mut reader = Reader::new(self.rest);
+            let read = parser.read_payload_for_element(&mut reader, element, self.header);
+            self.rest = reader.into_inner();
+            return read.map_err(|e| {
+                let what = match e.kind() {
+                    ErrorKind::UnexpectedEof => "the file ends before their last",
+                    _ => "one holds numbers that are not read there",
+                };
+                let (count, name) = (element.count, &element.name);
+                Error::new(format_args!(
+                    "element {name}, {count} of them: {what}; the file is cut short or damaged, \
+                     export it again"
+                ))
+            });
+        }
+        let mut elements = Vec::new();
+        while elements.len() < element.count {
+            let Some((number, line)) = self.line() else {
+                return Err(Error::new(format_args!(
+                    "line {}: the file ends after {} of {} rows of element {}; it is cut short, \
+                     export it again",
+                    self.line,
+                    elements.len(),
+                    element.count,
+                    element.name
+                )));
+            };
+            let row = parser.read_ascii_element(&row::plain(&line), element).map_err(|_| {
+                let names: Vec<&str> = element.properties.keys().map(String::as_str).collect();
+                Error::new(format_args!(
+                    "line {number}: `{}` is no row of element {} ({}); the file is damaged, export \
+                     it again",
+                    row::start(&line),
+                    element.name,
+                    row::start(&names.join(" "))
+                ))
+            })?;
+            elements.push(row);
+        }
+        Ok(elements)
+    }
+
+    /// The next line of a text that is not blank, and its number; no line end is like another.
+    fn line(&mut self) -> Option<(usize, String)> {
+        while !self.rest.is_empty() {
+            let end = self.rest.iter().position(|b| matches!(b, b'\n' | b'\r'));
+            let (line, rest) = match end {
+                Some(end) => (&self.rest[..end], &self.rest[end + 1..]),
+                None => (self.rest, &self.rest[self.rest.len()..]),
+            };
+            let number = self.line;
+            // Of a pair one counts.
+            let pair = end.is_some_and(|end| self.rest[end] == b'\r') && rest.starts_with(b"\n");
+            self.line += usize::from(!pair);
+            self.rest = rest;
+            if !line.trim_ascii().is_empty() {
+                return Some((number, String::from_utf8_lossy(line).into_owned()));
+            }
+        }
+        None
+    }
 }
 
 /// Fewest bytes an element of this kind takes (in text a digit and a separator per property,
@@ -172,70 +309,47 @@ fn least_size(element: &ElementDef, stored: Stored) -> usize {
     element.properties.values().map(|p| size(&p.data_type)).sum::<usize>().max(1)
 }
 
-#[allow(clippy::needless_pass_by_value)] // for `map_err`
-fn malformed(error: ParseError) -> Error {
-    // The crate quotes the whole offending line; a person needs its beginning.
-    let message: String = error.to_string().chars().take(240).collect();
-    Error::new(format_args!("{message}; the file is damaged, export it again"))
-}
-
 fn has_all<const N: usize>(element: &ElementDef, names: &[&str; N]) -> bool {
     names.iter().all(|name| element.properties.contains_key(*name))
 }
 
-/// Moves the colour and the texture coordinates the file has to the front.
-fn choose_names(element: &ElementDef, vertices: &mut [Vertex]) {
-    let color = COLOR_NAMES.iter().position(|names| has_all(element, names)).unwrap_or(0);
-    let uv = UV_NAMES.iter().position(|names| has_all(element, names)).unwrap_or(0);
-    for vertex in vertices {
-        vertex.colors.swap(0, color);
-        vertex.uvs.swap(0, uv);
+/// Colours in `[0, 1]`.
+fn checked(mut colors: Vec<[f32; 3]>, what: &str) -> Result<Vec<[f32; 3]>> {
+    for (i, color) in colors.iter_mut().enumerate() {
+        *color = in_range(*color).ok_or_else(|| {
+            Error::new(format_args!(
+                "{what} {i}: colour {color:?} lies outside [0, 1]; export colours as uchar or \
+                 scale them to [0, 1]"
+            ))
+        })?;
     }
+    Ok(colors)
 }
 
-/// The texture coordinates of the corners of the fans that [`assemble`] makes.
-fn corner_uvs(faces: &[Face]) -> Result<Vec<[[f32; 2]; 3]>> {
-    let mut uvs = Vec::new();
-    for (i, Face { corners, texcoord }) in faces.iter().enumerate() {
-        let pairs: &[[f32; 2]] = texcoord.as_chunks().0;
-        if pairs.len() < corners.len() {
-            return Err(Error::new(format_args!(
-                "face {i}: {} numbers of texcoord, {} corners need two each; export the scan again",
-                texcoord.len(),
-                corners.len()
-            )));
-        }
-        uvs.extend(pairs[1..corners.len()].windows(2).map(|edge| [pairs[0], edge[0], edge[1]]));
-    }
-    Ok(uvs)
-}
+/// Of a triangle: the face it was cut from, and which of its corners.
+type Cut = (u32, [u32; 3]);
 
-fn assemble(vertices: &[Vertex], faces: &[Face], colored: bool) -> Result<Mesh> {
+/// Positions, and triangles of faces or of strips; of faces also where each was cut from.
+fn assemble(vertices: &[Vertex], faces: &[Face], strips: &[Face]) -> Result<(Parts, Vec<Cut>)> {
     if vertices.is_empty() {
         return Err(Error::new("the mesh is empty: no vertices; export the scan again"));
-    }
-    if faces.is_empty() {
-        return Err(Error::new("has no faces; mesh the point cloud first"));
     }
     let count = u32::try_from(vertices.len()).map_err(|_| {
         Error::new(format_args!("{} vertices are too many; decimate", vertices.len()))
     })?;
-    for (i, vertex) in vertices.iter().enumerate() {
-        if !vertex.position.iter().all(|c| c.is_finite()) {
-            return Err(Error::new(format_args!(
-                "vertex {i}: position {:?} is not finite; remove the vertex",
-                vertex.position
-            )));
-        }
-        if colored && !vertex.colors[0].iter().all(|c| (0.0..=1.0).contains(c)) {
-            return Err(Error::new(format_args!(
-                "vertex {i}: colour {:?} lies outside [0, 1]; export colours as uchar or \
-                 scale them to [0, 1]",
-                vertex.colors[0]
-            )));
-        }
+    if let Some((i, vertex)) = vertices.iter().enumerate().find(|(_, v)| !finite(v.position)) {
+        return Err(not_finite(i, &vertex.position));
     }
-    let mut triangles = Vec::new();
+    let in_range = |i: usize, name: &str, corner: i64| {
+        u32::try_from(corner).ok().filter(|corner| *corner < count).ok_or_else(|| {
+            Error::new(format_args!(
+                "{name} {i}: vertex index {corner} is out of range, there are {count} vertices; \
+                 the file is damaged, export it again"
+            ))
+        })
+    };
+    let (mut triangles, mut cuts) = (Vec::new(), Vec::new());
+    let (mut cutter, mut places) = (Cutter::default(), Vec::new());
     for (i, Face { corners, .. }) in faces.iter().enumerate() {
         if corners.len() < 3 {
             return Err(Error::new(format_args!(
@@ -243,129 +357,51 @@ fn assemble(vertices: &[Vertex], faces: &[Face], colored: bool) -> Result<Mesh> 
                 corners.len()
             )));
         }
-        if let Some(corner) = corners.iter().find(|c| !(0..i64::from(count)).contains(*c)) {
+        places.clear();
+        for &corner in corners {
+            places.push(vertices[in_range(i, "face", corner)? as usize].position);
+        }
+        cutter.cut(&places, |triangle| {
+            triangles.push(triangle.map(|k| corners[k] as u32));
+            cuts.push((i as u32, triangle.map(|k| k as u32)));
+        });
+    }
+    for (i, Face { corners, .. }) in strips.iter().enumerate() {
+        // Negative numbers stand between strips, of which every other triangle is turned over.
+        for strip in corners.split(|corner| *corner < 0) {
+            for (k, window) in strip.windows(3).enumerate() {
+                let turned = [window[k % 2], window[1 - k % 2], window[2]];
+                let mut triangle = [0; 3];
+                for (to, corner) in triangle.iter_mut().zip(turned) {
+                    *to = in_range(i, "strip", corner)?;
+                }
+                let [a, b, c] = triangle;
+                if a != b && b != c && c != a {
+                    triangles.push(triangle);
+                }
+            }
+        }
+    }
+    if triangles.is_empty() {
+        return Err(Error::new("has no faces; mesh the point cloud first"));
+    }
+    let points = vertices.iter().map(|v| v.position).collect();
+    Ok((Parts { points, triangles, ..Parts::default() }, cuts))
+}
+
+/// The texture coordinates of the corners of triangles.
+fn corner_uvs(faces: &[Face], cuts: &[Cut]) -> Result<Vec<[[f32; 2]; 3]>> {
+    for (i, Face { corners, texcoord, .. }) in faces.iter().enumerate() {
+        if texcoord.len() / 2 < corners.len() {
             return Err(Error::new(format_args!(
-                "face {i}: vertex index {corner} is out of range, there are {count} vertices; \
-                 the file is damaged, export it again"
+                "face {i}: {} numbers of texcoord, {} corners need two each; export the scan again",
+                texcoord.len(),
+                corners.len()
             )));
         }
-        let fan = corners[1..].windows(2);
-        triangles.extend(fan.map(|edge| [corners[0], edge[0], edge[1]].map(|c| c as u32)));
     }
-    Ok(Mesh {
-        points: vertices.iter().map(|v| v.position).collect(),
-        colors: vertices.iter().map(|v| v.colors[0]).collect(),
-        triangles,
-    })
-}
-
-/// Position, and what stands under each of [`COLOR_NAMES`] and [`UV_NAMES`].
-#[derive(Default)]
-struct Vertex {
-    position: [f32; 3],
-    uvs: [[f32; 2]; UV_NAMES.len()],
-    colors: [[f32; 3]; COLOR_NAMES.len()],
-}
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        Self::default()
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let index = |names: &[&str; 3]| names.iter().position(|n| *n == name);
-        if let Some(k) = index(&POSITION_NAMES)
-            && let Some(value) = number(&property)
-        {
-            self.position[k] = value as f32;
-            return PropertyAccessResult::Set;
-        }
-        for (names, color) in COLOR_NAMES.iter().zip(&mut self.colors) {
-            if let Some(k) = index(names)
-                && let Some(value) = number(&property)
-            {
-                let full = match property {
-                    Property::Float(_) | Property::Double(_) => 1.0,
-                    Property::UShort(_) => f64::from(u16::MAX),
-                    _ => f64::from(u8::MAX),
-                };
-                color[k] = (value / full) as f32;
-                return PropertyAccessResult::Set;
-            }
-        }
-        for (names, uv) in UV_NAMES.iter().zip(&mut self.uvs) {
-            if let Some(k) = names.iter().position(|n| *n == name)
-                && let Some(value) = number(&property)
-            {
-                uv[k] = value as f32;
-                return PropertyAccessResult::Set;
-            }
-        }
-        PropertyAccessResult::Ignored
-    }
-}
-
-fn number(property: &Property) -> Option<f64> {
-    Some(match *property {
-        Property::Char(v) => v.into(),
-        Property::UChar(v) => v.into(),
-        Property::Short(v) => v.into(),
-        Property::UShort(v) => v.into(),
-        Property::Int(v) => v.into(),
-        Property::UInt(v) => v.into(),
-        Property::Float(v) => v.into(),
-        Property::Double(v) => v,
-        _ => return None,
-    })
-}
-
-#[derive(Default)]
-struct Face {
-    corners: Vec<i64>,
-    texcoord: Vec<f32>,
-}
-
-impl PropertyAccess for Face {
-    fn new() -> Self {
-        Self::default()
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        if name == FACE_UV_NAME {
-            self.texcoord = match property {
-                Property::ListFloat(v) => v,
-                Property::ListDouble(v) => v.into_iter().map(|x| x as f32).collect(),
-                _ => return PropertyAccessResult::UnsupportedType,
-            };
-            return PropertyAccessResult::Set;
-        }
-        if !CORNER_NAMES.contains(&name) {
-            return PropertyAccessResult::Ignored;
-        }
-        self.corners = match property {
-            Property::ListChar(v) => widened(v),
-            Property::ListUChar(v) => widened(v),
-            Property::ListShort(v) => widened(v),
-            Property::ListUShort(v) => widened(v),
-            Property::ListInt(v) => widened(v),
-            Property::ListUInt(v) => widened(v),
-            _ => return PropertyAccessResult::UnsupportedType,
-        };
-        PropertyAccessResult::Set
-    }
-}
-
-fn widened<T: Into<i64>>(list: Vec<T>) -> Vec<i64> {
-    list.into_iter().map(Into::into).collect()
-}
-
-/// An element of no interest; its data is read past.
-struct Skipped;
-
-impl PropertyAccess for Skipped {
-    fn new() -> Self {
-        Self
-    }
+    let uv = |face: u32, k: u32| faces[face as usize].texcoord.as_chunks().0[k as usize];
+    Ok(cuts.iter().map(|(face, triangle)| triangle.map(|k| uv(*face, k))).collect())
 }
 
 /// Writes a mesh: float positions, uchar colours (clamped and rounded), int corner indices.

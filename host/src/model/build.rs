@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::landmarks::Landmark;
 use crate::model::decompose::{Decomposition, Progress, Truncation, decompose};
-use crate::model::kernel::{Kernel, Kernels, Vertex};
+use crate::model::kernel::{Kernel, Kernels, Space, Vertex};
 use crate::model::layout::ModelParts;
 use crate::model::morphable::Morphable;
 use crate::model::nystrom;
@@ -109,11 +109,34 @@ pub struct HalfReport {
     pub seconds: f64,
 }
 
+/// Least size of a scan, as a fraction of its kernels' least width. What is smaller moves as one, and
+/// finding components that are not there takes minutes.
+const LEAST: f64 = 0.1;
+
+/// Refuses scans that are far smaller than their kernels are wide: metres taken for millimetres.
+fn check_size(points: &[[f32; 3]], kernels: &[&Kernel]) -> Result<()> {
+    let terms = kernels.iter().flat_map(|kernel| kernel.terms());
+    let widths = terms.filter(|term| term.space == Space::Position).map(|term| term.sigma);
+    let least = widths.fold(f64::INFINITY, f64::min);
+    let side = |axis: usize| {
+        let along = points.iter().map(|p| f64::from(p[axis]));
+        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+    };
+    let diagonal = (0..3).map(|axis| side(axis).powi(2)).sum::<f64>().sqrt();
+    if least.is_finite() && diagonal > 0.0 && diagonal < LEAST * least {
+        return Err(Error::new(format_args!(
+            "{diagonal:.3} mm across, but the kernels are {least} mm wide or wider; give its unit \
+             (--unit m, cm, or a number of mm), or kernels of its size"
+        )));
+    }
+    Ok(())
+}
+
 /// Builds a model whose mean is the scan and whose deviations follow the kernels.
 ///
 /// # Errors
 /// Those of [`decompose`] and [`nystrom`]; a unit that is not positive and finite or makes
-/// coordinates overflow; a basis too large for a file.
+/// coordinates overflow; a scan far smaller than its kernels are wide; a basis too large for a file.
 pub fn build(
     scan: &Mesh,
     landmarks: &[Landmark],
@@ -130,6 +153,7 @@ pub fn build(
     }
     let vertices = Vertex::all(&points, &scan.colors);
     let Kernels { shape, albedo, .. } = &options.kernels;
+    check_size(&points, &[shape, albedo])?;
     let (shape, albedo) = match options.method {
         Method::Exact(truncation) => {
             let mut half = |name: &str, kernel: &Kernel, mean: &[[f32; 3]], from: f64| {

@@ -50,6 +50,11 @@ impl Process {
         Self { mean, basis, variances, noise, total_variance }
     }
 
+    /// One component that changes nothing.
+    pub fn zero(vertices: usize) -> Self {
+        Self::new(vec![[0.0; 3]; vertices], Mat::zeros(3 * vertices, 1), vec![0.0], 0.0)
+    }
+
     /// One half of a `.3dmm` model of so many vertices.
     pub fn of(basis: &Basis<'_>, vertices: usize) -> Self {
         let plane = padded(vertices);

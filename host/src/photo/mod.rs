@@ -4,6 +4,7 @@ pub mod picture;
 pub mod tlms;
 
 use crate::error::{Error, Result};
+use crate::files;
 use image::metadata::Orientation;
 use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 use onescan_core::scene::Camera;
@@ -22,7 +23,7 @@ pub const MAX_PIXELS: u64 = 200_000_000;
 /// # Errors
 /// As [`decode`], naming the file; a file that cannot be read.
 pub fn read(path: &Path) -> Result<Picture> {
-    let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+    let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
     decode(&bytes).map_err(|e| Error::file(path, e))
 }
 
@@ -83,7 +84,11 @@ impl Stored {
         };
         let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
         let mut limits = Limits::default();
-        limits.max_alloc = Some(8 * MAX_PIXELS);
+        limits.max_alloc = Some(match format {
+            // What a PNG's decoder takes besides the pixels: rows, and profiles and texts unpacked.
+            ImageFormat::Png => 1 << 26,
+            _ => 8 * MAX_PIXELS,
+        });
         reader.limits(limits);
         let mut decoder = reader.into_decoder().map_err(damaged)?;
         let (width, height) = decoder.dimensions();

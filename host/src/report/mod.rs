@@ -52,8 +52,13 @@ pub fn fit_report(result: &Finished, provenance: &str) -> Result<String> {
 ///
 /// # Errors
 /// A picture without pixels.
-pub fn subject_report(results: &[(Finished, String)], provenance: &str) -> Result<String> {
-    let fits = results.iter().map(|(result, folder)| Section::new(result, "", folder.clone()));
+pub fn subject_report(
+    results: &[Finished],
+    folders: &[String],
+    provenance: &str,
+) -> Result<String> {
+    let fits = results.iter().zip(folders);
+    let fits = fits.map(|(result, folder)| Section::new(result, "", folder.clone()));
     let page = Page {
         title: format!("3D reconstruction from {} photos", results.len()),
         lead: "Several photos of one person, and a model made from a single 3D scan: the one shape \

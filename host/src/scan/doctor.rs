@@ -115,8 +115,9 @@ impl Findings {
         }
     }
 
-    /// What should be seen to before a model is built, a line each.
-    pub fn faults(&self) -> Vec<String> {
+    /// What should be seen to before a model is built, a line each. `mirror`: the model is to mirror
+    /// at x = 0.
+    pub fn faults(&self, mirror: bool) -> Vec<String> {
         let mut faults = Vec::new();
         let mut note = |there: bool, text: String| {
             if there {
@@ -152,10 +153,10 @@ impl Findings {
             ),
         );
         note(
-            self.mirrored < SYMMETRIC,
+            mirror && self.mirrored < SYMMETRIC,
             format!(
                 "{:.0} % of the vertices have a partner across x = 0: centre the scan there, turn \
-                 it by --up and --front, or build with --mirror none",
+                 it by --up and --front, or build with --mirror find or none",
                 100.0 * self.mirrored
             ),
         );
@@ -200,7 +201,7 @@ impl fmt::Display for Findings {
             self.border_edges
         )?;
         write!(f, "{:.0} % mirrored across x = 0", 100.0 * self.mirrored)?;
-        let faults = self.faults();
+        let faults = self.faults(true);
         if faults.is_empty() {
             write!(f, "\nnothing to mend")?;
         }
@@ -260,8 +261,13 @@ pub fn mend(mesh: &Mesh, largest_only: bool) -> (Mesh, Mended) {
     let mut mended = Mended::default();
     let (map, points) = weld(&mesh.points);
     mended.joined = mesh.points.len() - points.len();
+    let mut shown = vec![false; mesh.points.len()];
+    for &v in mesh.triangles.as_flattened() {
+        shown[v as usize] = true;
+    }
     let mut colors = vec![[0.0_f64; 4]; points.len()];
-    for (&v, color) in map.iter().zip(&mesh.colors) {
+    // No triangle shows the colours of the others.
+    for ((&v, color), _) in map.iter().zip(&mesh.colors).zip(&shown).filter(|(_, shown)| **shown) {
         let sum = &mut colors[v as usize];
         for i in 0..3 {
             sum[i] += f64::from(color[i]);
@@ -580,7 +586,7 @@ mod tests {
     fn the_template_has_nothing_to_mend() {
         let (mesh, _) = demo::template().unwrap();
         let findings = Findings::of(&mesh, 1.0);
-        assert_eq!(findings.faults(), Vec::<String>::new());
+        assert_eq!(findings.faults(true), Vec::<String>::new());
         assert_eq!((findings.vertices, findings.triangles), (8291, 16374));
         assert_eq!((findings.components.as_slice(), findings.borders), (&[16374][..], 1));
         assert_eq!((findings.mirrored, findings.inside_out), (1.0, Some(false)));
@@ -639,7 +645,7 @@ mod tests {
         assert_eq!(findings.duplicate_triangles, 1);
         assert_eq!(findings.crowded_edges, 1);
         assert_eq!(findings.border_edges, 2, "of the fin");
-        assert_eq!(findings.faults().len(), 5, "{:?}", findings.faults());
+        assert_eq!(findings.faults(true).len(), 5, "{:?}", findings.faults(true));
         let (mended, what) = mend(&bad, false);
         assert_eq!(mended.points, good.points);
         assert_eq!(mended.triangles, good.triangles);
@@ -668,7 +674,7 @@ mod tests {
     #[test]
     fn size_place_and_colour_are_told() {
         let says = |mesh: &Mesh, millimetres: f64, part: &str| {
-            let faults = Findings::of(mesh, millimetres).faults().join("\n");
+            let faults = Findings::of(mesh, millimetres).faults(true).join("\n");
             assert!(faults.contains(part), "{faults:?} does not say {part:?}");
         };
         let (face, _) = demo::template().unwrap();

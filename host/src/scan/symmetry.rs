@@ -32,6 +32,12 @@ impl Plane {
         let normal = rotation(self.normal.map(|x| x as f32)).map(f64::from);
         Self { normal, ..self }
     }
+
+    /// The plane after something is added to the coordinates of all points.
+    #[must_use]
+    pub fn moved(self, by: [f64; 3]) -> Self {
+        Self { offset: self.offset + dot(self.normal, by), ..self }
+    }
 }
 
 impl fmt::Display for Plane {

@@ -90,7 +90,8 @@ impl Kernels {
         output_directory(&self.output)?;
         let (scan, name) = match &self.scan {
             Some(path) => {
-                let (mut scan, format) = mesh_file::read(path, &mesh_file::Options::default())?;
+                let read = mesh_file::read(path, &mesh_file::Options::default())?;
+                let (mut scan, format) = (read.mesh, read.format);
                 scan.points.as_flattened_mut().iter_mut().for_each(|c| *c *= format.millimetres());
                 (scan, file_name(path))
             }

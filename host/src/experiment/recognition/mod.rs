@@ -12,7 +12,7 @@ pub mod people;
 pub mod results;
 
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
+use crate::files::{self, write_atomically};
 use crate::fit::Control;
 use crate::model::decompose::Progress;
 use crate::model_file::OwnedModel;
@@ -134,7 +134,7 @@ impl Plan {
     /// A file that cannot be read, or is of other settings.
     pub fn read(&self, job: &Job) -> Result<Option<Fitted>> {
         let path = self.file(job);
-        let bytes = match std::fs::read(&path) {
+        let bytes = match files::read(&path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             bytes => bytes.map_err(|e| Error::file(&path, e))?,
         };

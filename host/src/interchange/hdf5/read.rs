@@ -54,6 +54,12 @@ impl BinaryFile {
 }
 
 fn damaged(path: &str, fault: &Fault) -> Error {
+    if let Fault::Format(FormatError::InvalidLayoutVersion(version)) = fault {
+        return Error::new(format_args!(
+            "{path}: stored in a way (layout version {version}) of HDF5 2.0, which is not read; write \
+             the file again for older programs (h5py: libver=('earliest', 'v110'))"
+        ));
+    }
     Error::new(format_args!("{path}: {fault}; the file is damaged, get it again"))
 }
 

@@ -69,6 +69,15 @@ fn what_is_written_reads_back_to_the_last_bit() {
 }
 
 #[test]
+fn a_zero_expression_reads_back() {
+    let model = Morphable { expression: Some(Process::zero(6)), ..example() };
+    for format in [Format::Hdf5, Format::Hdf5Json] {
+        let again = parse(format, to_bytes(&model, format).unwrap()).unwrap().model;
+        same_process(again.expression.as_ref().unwrap(), &Process::zero(6));
+    }
+}
+
+#[test]
 fn a_model_without_components_is_one() {
     let rigid = Morphable {
         shape: process(1, 6, 0),
@@ -224,9 +233,13 @@ fn landmarks_off_their_vertices_are_told() {
 #[test]
 fn faults_name_the_dataset() {
     type Change = fn(&mut Edit);
-    let cases: [(Change, &str); 22] = [
+    let cases: [(Change, &str); 23] = [
         (|e| e.remove("shape/model/mean"), "shape/model/mean: there is no such"),
-        (|e| e.remove("color/model/mean"), "color/model/mean: there is no such"),
+        (|e| e.remove("color/model/mean"), "a model of shape alone"),
+        (
+            |e| e.at("color/model/mean")["value"] = json!(vec![200.0; 18]),
+            "color/model/mean: most colours are above 1",
+        ),
         (|e| e.remove("shape/model/pcaBasis"), "shape/model/pcaBasis: there is no such"),
         (|e| e.remove("color/model/pcaVariance"), "color/model/pcaVariance: there is no such"),
         (|e| e.remove("shape/representer/points"), "shape/representer/points: there is no"),

@@ -5,6 +5,7 @@
 
 mod frame;
 mod gltf;
+mod named;
 mod obj;
 mod paint;
 mod stl;
@@ -12,20 +13,24 @@ mod stl;
 pub use frame::{Direction, Frame};
 
 use crate::error::{Error, Result};
-use crate::mesh::Mesh;
-use crate::mesh::ply;
+use crate::files;
+use crate::mesh::{Mesh, far, in_range, ply};
+use named::Place;
 use paint::{Paint, Wrap};
 use std::path::{Path, PathBuf};
 
 /// What a file does not say of itself.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Colour of what the file gives none, RGB in `[0, 1]` as stored.
+    /// Colour of what the file gives none, RGB in `[0, 1]` as stored. Materials of one flat colour
+    /// all over count as none: most programs write one for what has no colour.
     pub color: Option<[f32; 3]>,
     /// A texture to lay by the file's coordinates, instead of all colours it has.
     pub texture: Option<PathBuf>,
     /// The texture's v axis points the other way than the format says.
     pub flip_v: bool,
+    /// Reads files that the scan names outside its own directory.
+    pub allow_outside: bool,
     /// Which way the scan stands.
     pub frame: Frame,
 }
@@ -53,6 +58,7 @@ pub enum Format {
 impl Format {
     /// The format by the file's extension, or, if it has none of ours, by its content.
     pub fn of(path: &Path, bytes: &[u8]) -> Option<Self> {
+        let bytes = unmarked(bytes);
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         match extension.to_str() {
             Some("ply") => Some(Self::Ply),
@@ -61,7 +67,7 @@ impl Format {
             Some("stl") => Some(Self::Stl),
             _ if bytes.starts_with(b"ply") => Some(Self::Ply),
             _ if bytes.starts_with(b"glTF") => Some(Self::Gltf),
-            _ if bytes.starts_with(b"solid") => Some(Self::Stl),
+            _ if stl::is_text(bytes) => Some(Self::Stl),
             _ => None,
         }
     }
@@ -73,8 +79,21 @@ impl Format {
     }
 }
 
-/// Reads a mesh, and says in which format: positions in the file's unit and the options' frame,
-/// a colour for every vertex.
+/// A scan as it was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scan {
+    /// Positions in the file's unit and the options' frame, a colour for every vertex.
+    pub mesh: Mesh,
+    /// The file's format.
+    pub format: Format,
+    /// What was subtracted from the file's coordinates, in its own frame: not zero if they lay so far
+    /// from the origin that f32 would not hold them.
+    pub origin: [f64; 3],
+    /// What a person should know of how it was read, a line each.
+    pub notes: Vec<String>,
+}
+
+/// Reads a mesh.
 ///
 /// Vertices keep their order in PLY and OBJ; glTF and STL repeat vertices for each normal and
 /// texture seam, which are joined. Vertices of no triangle get the mean colour if they have none.
@@ -82,20 +101,32 @@ impl Format {
 /// # Errors
 /// Unknown formats, and what the formats' readers find; no vertices, no triangles, numbers that
 /// are not finite; vertices without colour if the options have none either.
-pub fn read(path: &Path, options: &Options) -> Result<(Mesh, Format)> {
-    let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
+pub fn read(path: &Path, options: &Options) -> Result<Scan> {
+    let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
     let named = |e| Error::file(path, e);
     let format = Format::of(path, &bytes).ok_or_else(|| {
         named(Error::new("not a mesh this program reads; export the scan as PLY, OBJ, GLB or glTF"))
     })?;
-    parse(path, &bytes, format, options).map(|mesh| (mesh, format)).map_err(named)
+    parse(path, &bytes, format, options).map_err(named)
+}
+
+/// Bytes without the mark that some editors begin a text with.
+fn unmarked(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
+}
+
+/// The lines of a text with their numbers, from 1, without blanks around them; on old Macintoshes
+/// they end by a carriage return alone.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let end = if text.contains('\n') { '\n' } else { '\r' };
+    (1..).zip(text.split(end).map(str::trim))
 }
 
 /// [`read`] of bytes; `path` tells where the files lie that they name.
 ///
 /// # Errors
 /// As [`read`], without the file's name.
-pub fn parse(path: &Path, bytes: &[u8], format: Format, options: &Options) -> Result<Mesh> {
+pub fn parse(path: &Path, bytes: &[u8], format: Format, options: &Options) -> Result<Scan> {
     let rough = match format {
         Format::Ply => from_ply(path, bytes, options)?,
         Format::Obj => obj::read(path, bytes, options)?,
@@ -108,25 +139,60 @@ pub fn parse(path: &Path, bytes: &[u8], format: Format, options: &Options) -> Re
         }
         Format::Stl => stl::parse(bytes)?,
     };
-    rough.finish(options)
+    rough.finish(format, options)
 }
 
-/// A PLY with its texture, if it names or is given one.
+/// A PLY with its textures, if it names or is given any. A vertex is coloured by them, or else by
+/// itself, or else by its faces.
 fn from_ply(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough> {
-    let ply::Parts { points, colors, triangles, uvs, texture } = ply::parse_parts(bytes)?;
+    let parts = ply::parse_parts(bytes)?;
+    let ply::Parts { points, colors, triangles, face_colors, uvs, pages, textures } = parts;
     if options.texture.is_some() && uvs.is_none() {
         return Err(Error::new("has no texture coordinates; --texture cannot be laid on it"));
     }
-    let directory = path.parent().unwrap_or(Path::new(""));
-    let texture = options.texture.clone().or_else(|| texture.map(|name| directory.join(name)));
+    let mut notes = Vec::new();
     let mut paint = Paint::new(points.len());
-    if let (Some(texture), Some(uvs)) = (texture, uvs) {
-        let picture = paint::texture(&texture)?;
-        for (triangle, uvs) in triangles.iter().zip(uvs) {
-            for (&vertex, uv) in triangle.iter().zip(uvs) {
-                let uv = options.v_down(uv, false);
-                paint.add(vertex, paint::sample(&picture, uv, [Wrap::Repeat; 2]));
+    if let Some(uvs) = uvs {
+        let named = textures.len();
+        if options.texture.is_none() && named > 1 && pages.is_none() {
+            return Err(Error::new(format_args!(
+                "names {named} textures and does not say by `texnumber` which lies where; export it \
+                 with one, or give that by --texture"
+            )));
+        }
+        let place = Place::new(path, options);
+        let other = options.color.is_some() || colors.is_some() || face_colors.is_some();
+        let files = match &options.texture {
+            Some(file) => vec![Some(file.clone())],
+            None => textures
+                .iter()
+                // `<this>` is MeshLab's word for the name of the file.
+                .map(|name| name.replace("<this>", &place.stem()))
+                .map(|name| place.texture(Path::new(""), &name, other, &mut notes))
+                .collect::<Result<_>>()?,
+        };
+        for (page, file) in (0..).zip(files) {
+            let Some(picture) = file.map(|file| paint::texture(&file)).transpose()? else {
+                continue;
+            };
+            for (i, (triangle, uvs)) in triangles.iter().zip(&uvs).enumerate() {
+                // Of one texture all numbers are its; a negative one is none's.
+                let elsewhere = |on: i64| if named > 1 { on != page } else { on < 0 };
+                let on = pages.as_ref().filter(|_| options.texture.is_none());
+                if on.is_some_and(|pages| elsewhere(pages[i])) {
+                    continue;
+                }
+                for (&vertex, &uv) in triangle.iter().zip(uvs) {
+                    let uv = options.v_down(uv, false);
+                    paint.add(vertex, paint::sample(&picture, uv, [Wrap::Repeat; 2]));
+                }
             }
+        }
+    }
+    let mut faces = Paint::new(points.len());
+    for (triangle, color) in triangles.iter().zip(face_colors.iter().flatten()) {
+        for vertex in triangle {
+            faces.add(*vertex, *color);
         }
     }
     let mut merged: Vec<_> = paint.colors().collect();
@@ -135,7 +201,11 @@ fn from_ply(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough> {
             *color = color.or(Some(own));
         }
     }
-    Ok(Rough { points, triangles, colors: merged })
+    for (color, face) in merged.iter_mut().zip(faces.colors()) {
+        *color = color.or(face);
+    }
+    let (points, origin) = far::settled(&points);
+    Ok(Rough { points, triangles, colors: merged, origin, notes })
 }
 
 /// A mesh as a format's reader leaves it. Guarantees: as many colours as points, every index of a
@@ -144,11 +214,14 @@ struct Rough {
     points: Vec<[f32; 3]>,
     triangles: Vec<[u32; 3]>,
     colors: Vec<Option<[f32; 3]>>,
+    /// See [`Scan::origin`].
+    origin: [f64; 3],
+    notes: Vec<String>,
 }
 
 impl Rough {
-    fn finish(self, options: &Options) -> Result<Mesh> {
-        let Self { mut points, triangles, mut colors } = self;
+    fn finish(self, format: Format, options: &Options) -> Result<Scan> {
+        let Self { mut points, triangles, mut colors, origin, mut notes } = self;
         if points.is_empty() {
             return Err(Error::new("the mesh is empty: no vertices; export the scan again"));
         }
@@ -156,6 +229,9 @@ impl Rough {
             return Err(Error::new("has no faces; mesh the point cloud first"));
         }
         if let Some(color) = options.color {
+            if colors.iter().all(Option::is_some) {
+                notes.push("--colour was not used: the file gives every vertex a colour".into());
+            }
             for own in &mut colors {
                 *own = own.or(Some(color));
             }
@@ -178,18 +254,18 @@ impl Rough {
                  them one by --colour R,G,B"
             )));
         }
-        for (i, (point, color)) in points.iter().zip(&colors).enumerate() {
+        for (i, (point, color)) in points.iter().zip(&mut colors).enumerate() {
             if !point.iter().all(|c| c.is_finite()) {
                 return Err(Error::new(format_args!(
                     "vertex {i}: position {point:?} is not finite; remove the vertex"
                 )));
             }
-            if let Some(color) = color
-                && !color.iter().all(|c| (0.0..=1.0).contains(c))
-            {
-                return Err(Error::new(format_args!(
-                    "vertex {i}: colour {color:?} lies outside [0, 1]; export the scan again"
-                )));
+            if let Some(color) = color {
+                *color = in_range(*color).ok_or_else(|| {
+                    Error::new(format_args!(
+                        "vertex {i}: colour {color:?} lies outside [0, 1]; export the scan again"
+                    ))
+                })?;
             }
         }
         let mut mean = Paint::new(1);
@@ -201,7 +277,14 @@ impl Rough {
             }
         }
         let colors = colors.into_iter().map(|color| color.unwrap_or(mean)).collect();
-        Ok(Mesh { points, colors, triangles })
+        if origin != [0.0; 3] {
+            let [x, y, z] = origin;
+            notes.push(format!(
+                "{x} {y} {z} was subtracted from its coordinates, which lie too far from their \
+                 origin; those of landmarks and planes are the file's as before"
+            ));
+        }
+        Ok(Scan { mesh: Mesh { points, colors, triangles }, format, origin, notes })
     }
 }
 

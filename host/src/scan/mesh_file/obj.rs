@@ -3,17 +3,24 @@
 //! Parsed here because landmarks name vertices by their place in the file: the crates that read
 //! OBJ for rendering number them anew.
 
+mod library;
+
+use super::named::Place;
 use super::paint::{self, Paint, Wrap};
-use super::{Options, Rough};
+use super::{Options, Rough, lines, unmarked};
 use crate::error::{Error, Result};
+use crate::mesh::far;
+use crate::mesh::polygon::Cutter;
 use crate::photo::picture::Picture;
+use library::{Library, Material};
 use std::collections::{BTreeSet, HashMap};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::str::SplitWhitespace;
 
 /// What an OBJ file says of a surface.
+#[derive(Default)]
 struct Obj {
-    points: Vec<[f32; 3]>,
+    points: Vec<[f64; 3]>,
     colors: Vec<Option<[f32; 3]>>,
     /// Texture coordinates, v up.
     uvs: Vec<[f32; 2]>,
@@ -32,51 +39,53 @@ struct Triangle {
     material: Option<u32>,
 }
 
-/// A material of a library: a flat colour, and the file of its texture.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Material {
-    color: Option<[f32; 3]>,
-    texture: Option<PathBuf>,
-}
-
 /// Reads an OBJ file from its bytes. Vertices stay in their order. A vertex is coloured by its
 /// corners' texture, or else by itself (`v x y z r g b`), or else by its corners' material.
 ///
 /// # Errors
 /// Malformed lines, libraries and textures that are wanted and cannot be read.
 pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough> {
-    let obj = parse(&String::from_utf8_lossy(bytes))?;
-    let directory = path.parent().unwrap_or(Path::new(""));
+    let mut obj = parse(&String::from_utf8_lossy(unmarked(bytes)))?;
+    let mut notes = Vec::new();
     let mut painted = Paint::new(obj.points.len());
     let mut flat = Paint::new(obj.points.len());
+    let own = obj.colors.iter().all(Option::is_some);
     if let Some(file) = &options.texture {
         if obj.triangles.iter().all(|t| t.uvs.is_none()) {
             return Err(Error::new("has no texture coordinates; --texture cannot be laid on it"));
         }
         bake(&mut painted, &obj, |_| true, &paint::texture(file)?, options);
     } else {
-        let library = match library(directory, &obj.libraries) {
+        let place = Place::new(path, options);
+        let library = match Library::read(&place, &obj.libraries) {
             // What stands in it is not needed.
-            Err(_) if obj.colors.iter().all(Option::is_some) || options.color.is_some() => {
-                HashMap::new()
-            }
+            Err(_) if own || options.color.is_some() => Library::default(),
             library => library?,
         };
-        let material = |t: &Triangle| library.get(obj.materials.get(t.material? as usize)?);
+        let materials = obj.wanted(&library, own || options.color.is_some())?;
+        let material = |t: &Triangle| *materials.get(t.material? as usize)?;
         // One texture at a time: decoded, they are large.
         let mut textures = BTreeSet::new();
         for material in obj.triangles.iter().filter(|t| t.uvs.is_some()).filter_map(material) {
             textures.extend(&material.texture);
         }
-        for file in textures {
+        let other = own || options.color.is_some();
+        for texture in textures {
+            let (below, name) = texture;
+            let Some(file) = place.texture(below, name, other, &mut notes)? else { continue };
             let wanted =
-                |t: &Triangle| material(t).is_some_and(|m| m.texture.as_ref() == Some(file));
-            bake(&mut painted, &obj, wanted, &paint::texture(file)?, options);
+                |t: &Triangle| material(t).is_some_and(|m| m.texture.as_ref() == Some(texture));
+            bake(&mut painted, &obj, wanted, &paint::texture(&file)?, options);
         }
-        for triangle in obj.triangles.iter().filter(|_| options.color.is_none()) {
-            if let Some(color) = material(triangle).and_then(|m| m.color) {
-                for vertex in triangle.corners {
-                    flat.add(vertex, color);
+        let colors = obj.triangles.iter().filter_map(material).filter_map(|m| m.color);
+        let mut colors = colors.filter(|_| options.color.is_some());
+        let first = colors.next();
+        let plain = colors.all(|color| Some(color) == first);
+        // One flat colour all over is what programs write for none.
+        if options.color.is_none() || !plain {
+            for triangle in &obj.triangles {
+                if let Some(color) = material(triangle).and_then(|m| m.color) {
+                    triangle.corners.iter().for_each(|vertex| flat.add(*vertex, color));
                 }
             }
         }
@@ -84,7 +93,8 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
     let colors = painted.colors().zip(&obj.colors).zip(flat.colors());
     let colors = colors.map(|((painted, own), flat)| painted.or(*own).or(flat)).collect();
     let triangles = obj.triangles.iter().map(|t| t.corners).collect();
-    Ok(Rough { points: obj.points, triangles, colors })
+    let (points, origin) = far::settled(&obj.points);
+    Ok(Rough { points, triangles, colors, origin, notes })
 }
 
 /// Lays a texture on the triangles that want it.
@@ -104,82 +114,129 @@ fn bake(
     }
 }
 
-/// Parses the text of an OBJ file. Polygons are cut into fans; lines, points, normals, groups
+/// Parses the text of an OBJ file. Polygons are cut into triangles; lines, points, normals, groups
 /// and curves are skipped.
 fn parse(text: &str) -> Result<Obj> {
-    let mut obj = Obj {
-        points: Vec::new(),
-        colors: Vec::new(),
-        uvs: Vec::new(),
-        triangles: Vec::new(),
-        materials: Vec::new(),
-        libraries: Vec::new(),
-    };
-    let mut known = HashMap::new();
-    let mut material = None;
-    for (number, line) in text.lines().enumerate() {
-        obj.line(line.trim(), &mut known, &mut material)
-            .map_err(|e| Error::new(format_args!("line {}: {e}", number + 1)))?;
-    }
-    // Colours of 0 to 255 are not in the format, and in many files.
-    if obj.colors.iter().flatten().flatten().any(|&c| c > 1.0) {
-        for color in obj.colors.iter_mut().flatten() {
-            *color = color.map(|c| c / 255.0);
+    let mut parser = Parser::default();
+    let mut lines = lines(text);
+    while let Some((number, line)) = lines.next() {
+        // A backslash at the end joins the next line; one that ends a comment does not.
+        let mut joined = String::new();
+        let mut line = line;
+        while let Some(part) = line.strip_suffix('\\').filter(|_| !line.starts_with('#')) {
+            joined += part;
+            joined.push(' ');
+            line = lines.next().map_or("", |(_, line)| line);
+            if !line.ends_with('\\') {
+                joined += line;
+            }
         }
+        parser
+            .line(if joined.is_empty() { line } else { &joined })
+            .map_err(|e| Error::new(format_args!("line {number}: {e}")))?;
     }
+    let mut obj = parser.obj;
+    obj.colors = colors(&parser.colors)?;
     Ok(obj)
 }
 
-impl Obj {
-    fn line(
-        &mut self,
-        line: &str,
-        known: &mut HashMap<String, u32>,
-        material: &mut Option<u32>,
-    ) -> Result<()> {
+/// Numbers behind a vertex's position, and how many.
+type Behind = ([f32; 4], u8);
+
+/// The colours of vertices, by what numbers there are behind their positions.
+///
+/// # Errors
+/// Seven numbers to a vertex of which neither the fourth nor the last is the same everywhere.
+fn colors(behind: &[Behind]) -> Result<Vec<Option<[f32; 3]>>> {
+    // `x y z w r g b`, or `x y z r g b a`: w is 1 except in rational curves, a is that of skin.
+    let seven = || behind.iter().filter(|(_, count)| *count == 4).map(|(values, _)| *values);
+    let weighted = seven().all(|values| values[0] == 1.0);
+    let (mut opaque, mut last) = (true, None);
+    for [.., alpha] in seven() {
+        opaque &= *last.get_or_insert(alpha) == alpha;
+    }
+    if !weighted && !opaque {
+        return Err(Error::new(
+            "seven numbers to a vertex, neither `x y z w r g b` with w = 1 nor `x y z r g b a` of \
+             one a; export with six",
+        ));
+    }
+    let color = |&([a, b, c, d], count): &Behind| match count {
+        4 if weighted => Some([b, c, d]),
+        3.. => Some([a, b, c]),
+        _ => None,
+    };
+    let mut colors: Vec<_> = behind.iter().map(color).collect();
+    // Colours of 0 to 255 are not in the format, and in many files: there most are above 1, while
+    // rounding or an outlier takes few of those of 0 to 1 there.
+    let lit = || colors.iter().flatten().flatten().filter(|c| **c > 0.0);
+    if 2 * lit().filter(|c| **c > 1.0).count() > lit().count() {
+        for color in colors.iter_mut().flatten() {
+            *color = color.map(|c| c / 255.0);
+        }
+    }
+    Ok(colors)
+}
+
+/// What has been read, and what the next line needs of it.
+#[derive(Default)]
+struct Parser {
+    obj: Obj,
+    colors: Vec<Behind>,
+    known: HashMap<String, u32>,
+    material: Option<u32>,
+    cutter: Cutter,
+}
+
+impl Parser {
+    fn line(&mut self, line: &str) -> Result<()> {
         let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         match keyword {
             "v" => {
-                let (values, count) = numbers(rest)?;
+                let ([x, y, z, behind @ ..], count) = numbers::<8>(rest)?;
                 if count < 3 {
                     return Err(Error::new(format_args!("{count} numbers, a vertex has three")));
                 }
-                u32::try_from(self.points.len() + 1)
+                u32::try_from(self.obj.points.len() + 1)
                     .map_err(|_| Error::new("more vertices than can be numbered; decimate"))?;
-                self.points.push([values[0], values[1], values[2]]);
-                self.colors.push((count >= 6).then_some([values[3], values[4], values[5]]));
+                self.obj.points.push([x, y, z]);
+                let [a, b, c, d, _] = behind.map(|value| value as f32);
+                // Of eight numbers nobody says what the last two are.
+                let behind = if count == 8 { 3 } else { count - 3 };
+                self.colors.push(([a, b, c, d], behind as u8));
             }
             "vt" => {
-                let (values, count) = numbers(rest)?;
+                let (values, count) = numbers::<2>(rest)?;
                 if count == 0 {
                     return Err(Error::new("no texture coordinate after `vt`"));
                 }
-                self.uvs.push([values[0], values[1]]);
+                self.obj.uvs.push(values.map(|value| value as f32));
             }
-            "f" => self.face(rest.split_whitespace(), *material)?,
+            "f" => self.face(rest.split_whitespace())?,
             "usemtl" => {
                 let name = rest.trim();
-                let next = self.materials.len() as u32;
-                let index = *known.entry(name.into()).or_insert(next);
+                let next = self.obj.materials.len() as u32;
+                let index = *self.known.entry(name.into()).or_insert(next);
                 if index == next {
-                    self.materials.push(name.into());
+                    self.obj.materials.push(name.into());
                 }
-                *material = Some(index);
+                self.material = Some(index);
             }
-            "mtllib" => self.libraries.push(rest.trim().into()),
+            "mtllib" => self.obj.libraries.push(rest.trim().into()),
             _ => {}
         }
         Ok(())
     }
 
-    fn face(&mut self, words: SplitWhitespace<'_>, material: Option<u32>) -> Result<()> {
+    fn face(&mut self, words: SplitWhitespace<'_>) -> Result<()> {
+        let obj = &mut self.obj;
         let mut corners: Vec<(u32, Option<u32>)> = Vec::new();
         for word in words.take_while(|word| !word.starts_with('#')) {
             let mut parts = word.split('/');
-            let vertex = index(parts.next().unwrap_or_default(), "vertex", self.points.len())?;
+            let vertex = index(parts.next().unwrap_or_default(), "vertex", obj.points.len())?;
             let uv = match parts.next() {
                 None | Some("") => None,
-                Some(part) => Some(index(part, "texture coordinate", self.uvs.len())?),
+                Some(part) => Some(index(part, "texture coordinate", obj.uvs.len())?),
             };
             corners.push((vertex, uv));
         }
@@ -189,22 +246,56 @@ impl Obj {
                 corners.len()
             )));
         }
-        for edge in corners[1..].windows(2) {
-            let [a, b, c] = [corners[0], edge[0], edge[1]];
+        let places: Vec<_> = corners.iter().map(|(v, _)| obj.points[*v as usize]).collect();
+        let material = self.material;
+        self.cutter.cut(&places, |triangle| {
+            let [a, b, c] = triangle.map(|k| corners[k]);
             let uvs = a.1.zip(b.1).zip(c.1).map(|((a, b), c)| [a, b, c]);
-            self.triangles.push(Triangle { corners: [a.0, b.0, c.0], uvs, material });
-        }
+            obj.triangles.push(Triangle { corners: [a.0, b.0, c.0], uvs, material });
+        });
         Ok(())
     }
 }
 
-/// Up to eight finite numbers, and how many there are.
-fn numbers(rest: &str) -> Result<([f32; 8], usize)> {
-    let mut values = [0.0; 8];
+impl Obj {
+    /// The materials that are named, as the library has them. If none is, the one material of the
+    /// library is meant.
+    ///
+    /// # Errors
+    /// Colours that only the library could give, of several materials none of which is named.
+    fn wanted<'a>(
+        &mut self,
+        library: &'a Library,
+        colored: bool,
+    ) -> Result<Vec<Option<&'a Material>>> {
+        if self.triangles.iter().any(|t| t.material.is_some()) {
+            return Ok(self.materials.iter().map(|name| library.get(name)).collect());
+        }
+        let mut all = library.all();
+        match (all.next(), all.next()) {
+            (None, _) => Ok(Vec::new()),
+            (Some(material), None) => {
+                self.triangles.iter_mut().for_each(|t| t.material = Some(0));
+                Ok(vec![Some(material)])
+            }
+            _ if colored => Ok(Vec::new()),
+            _ => Err(Error::new(
+                "no face names a material (usemtl), and there are several; export the scan again, \
+                 or give --texture or --colour",
+            )),
+        }
+    }
+}
+
+/// Up to `N` finite numbers, and how many there are.
+fn numbers<const N: usize>(rest: &str) -> Result<([f64; N], usize)> {
+    let mut values = [0.0; N];
     let mut count = 0;
     let words = rest.split_whitespace().take_while(|word| !word.starts_with('#'));
     for (value, word) in values.iter_mut().zip(words) {
-        *value = word.parse().ok().filter(|v: &f32| v.is_finite()).ok_or_else(|| {
+        // In f32, as which most are kept.
+        let finite = |v: &f64| (*v as f32).is_finite();
+        *value = word.parse().ok().filter(finite).ok_or_else(|| {
             Error::new(format_args!("`{word}` is not a finite number; export the scan again"))
         })?;
         count += 1;
@@ -227,102 +318,11 @@ fn index(word: &str, what: &str, count: usize) -> Result<u32> {
     })
 }
 
-/// Reads the libraries a file names, one or several to a line, in names that may hold spaces.
-fn library(directory: &Path, lines: &[String]) -> Result<HashMap<String, Material>> {
-    let mut materials = HashMap::new();
-    for line in lines {
-        let whole = located(directory, line);
-        let files = if whole.is_file() {
-            vec![whole]
-        } else {
-            line.split_whitespace().map(|name| located(directory, name)).collect()
-        };
-        for file in files {
-            let bytes = std::fs::read(&file).map_err(|e| {
-                Error::file(
-                    &file,
-                    format_args!("{e}; put the materials there, or give --texture or --colour"),
-                )
-            })?;
-            let directory = file.parent().unwrap_or(directory);
-            parse_library(&String::from_utf8_lossy(&bytes), directory, &mut materials)
-                .map_err(|e| Error::file(&file, e))?;
-        }
-    }
-    Ok(materials)
-}
-
-/// A file named in another: beside it, also if the name is a path of the author's machine.
-fn located(directory: &Path, name: &str) -> PathBuf {
-    let name = name.trim().trim_matches('"').replace('\\', "/");
-    let path = directory.join(&name);
-    let beside = directory.join(name.rsplit('/').next().unwrap_or(&name));
-    if !path.is_file() && beside.is_file() { beside } else { path }
-}
-
-fn parse_library(
-    text: &str,
-    directory: &Path,
-    materials: &mut HashMap<String, Material>,
-) -> Result<()> {
-    let mut name = None;
-    for (number, line) in text.lines().enumerate() {
-        let fault = |e: Error| Error::new(format_args!("line {}: {e}", number + 1));
-        let line = line.trim();
-        let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-        let rest = rest.trim();
-        if keyword == "newmtl" {
-            materials.entry(rest.into()).or_default();
-            name = Some(rest);
-        }
-        let Some(material) = name.and_then(|name| materials.get_mut(name)) else { continue };
-        match keyword {
-            // Other notations (`Kd spectral`, `Kd xyz`) are left alone.
-            "Kd" if rest.starts_with(|c: char| c.is_ascii_digit() || c == '.') => {
-                let ([r, g, b, ..], count) = numbers(rest).map_err(fault)?;
-                let color = if count < 3 { [r; 3] } else { [r, g, b] };
-                material.color = Some(color.map(|c| c.clamp(0.0, 1.0)));
-            }
-            "map_Kd" => {
-                material.texture = Some(located(directory, texture_name(rest).map_err(fault)?));
-            }
-            _ => {}
-        }
-    }
-    Ok(())
-}
-
-/// The file name of a `map_Kd` line, behind its options.
-fn texture_name(mut rest: &str) -> Result<&str> {
-    while rest.starts_with('-') {
-        let (option, mut after) = rest.split_once(char::is_whitespace).unwrap_or((rest, ""));
-        if matches!(option, "-o" | "-s" | "-t") {
-            return Err(Error::new(format_args!(
-                "textures that are moved or scaled ({option}) are not read; export without"
-            )));
-        }
-        // Arguments are numbers, on, off, or a channel; what remains is the name.
-        loop {
-            let (word, next) =
-                after.trim_start().split_once(char::is_whitespace).unwrap_or((after, ""));
-            let channel = option == "-imfchan" && word.len() == 1;
-            if !(channel || matches!(word, "on" | "off") || word.parse::<f32>().is_ok()) {
-                break;
-            }
-            after = next;
-        }
-        rest = after.trim_start();
-    }
-    if rest.is_empty() {
-        return Err(Error::new("map_Kd names no file"));
-    }
-    Ok(rest)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::fs;
+    use std::path::PathBuf;
     use tempfile::tempdir;
 
     fn options() -> Options {
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn vertices_keep_their_order_and_polygons_become_fans() {
+    fn vertices_keep_their_order_and_polygons_become_triangles() {
         let text = "# a comment\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 9 9 9 0 0 0 # unused\n\
                     v 1 1 0 0 0 1\nv 0 1 0 1 1 1\nvn 0 0 1\nf 1//1 2//1 4//1 5//1\nf -5 -4 -2\n";
         let rough = read_text(text, &options()).unwrap();
@@ -430,13 +430,5 @@ mod tests {
             let message = parse(&format!("{start}{line}\n")).err().unwrap().to_string();
             assert!(message.contains(part), "{message:?} does not say {part:?}");
         }
-    }
-
-    #[test]
-    fn options_of_textures_are_skipped() {
-        assert_eq!(texture_name("a b.png").unwrap(), "a b.png");
-        assert_eq!(texture_name("-blendu on -bm 0.5 -imfchan r a.png").unwrap(), "a.png");
-        assert_eq!(texture_name("-clamp on").ok(), None);
-        assert!(texture_name("-s 2 2 2 a.png").is_err());
     }
 }

@@ -1,6 +1,7 @@
 //! Colours of vertices, gathered from the corners that meet there.
 
 use crate::error::{Error, Result};
+use crate::files;
 use crate::photo;
 use crate::photo::picture::Picture;
 use std::path::Path;
@@ -79,7 +80,7 @@ pub(super) fn sample(picture: &Picture, [u, v]: [f32; 2], wrap: [Wrap; 2]) -> [f
 /// # Errors
 /// A file that cannot be read, and those of [`photo::decode_stored`]; they name the file.
 pub(super) fn texture(path: &Path) -> Result<Picture> {
-    let bytes = std::fs::read(path).map_err(|e| {
+    let bytes = files::read(path).map_err(|e| {
         Error::file(path, format_args!("{e}; put the texture there or give one by --texture"))
     })?;
     photo::decode_stored(&bytes).map_err(|e| Error::file(path, e))

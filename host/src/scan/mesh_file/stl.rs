@@ -1,8 +1,8 @@
 //! STL: triangles without colour and without shared corners, as text or binary.
 
-use super::Rough;
+use super::{Rough, lines, unmarked};
 use crate::error::{Error, Result};
-use crate::mesh::weld;
+use crate::mesh::{far, weld};
 
 /// Bytes before the first triangle of a binary file: a free text and the number of triangles.
 const HEADER: usize = 84;
@@ -21,13 +21,11 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Rough> {
         .and_then(<[u8]>::first_chunk)
         .map(|count| u32::from_le_bytes(*count) as usize);
     let length = promised.and_then(|count| count.checked_mul(FACET)?.checked_add(HEADER));
-    let corners = match (promised, length) {
-        (Some(_), Some(length)) if length == bytes.len() => binary(&bytes[HEADER..]),
-        _ if bytes.trim_ascii_start().starts_with(b"solid") => {
-            ascii(&String::from_utf8_lossy(bytes))?
-        }
+    let (corners, origin) = match (promised, length) {
+        (Some(_), Some(length)) if length == bytes.len() => (binary(&bytes[HEADER..]), [0.0; 3]),
+        _ if is_text(bytes) => far::settled(&ascii(&String::from_utf8_lossy(unmarked(bytes)))?),
         (Some(count), Some(length)) if length < bytes.len() => {
-            binary(&bytes[HEADER..HEADER + count * FACET])
+            (binary(&bytes[HEADER..HEADER + count * FACET]), [0.0; 3])
         }
         (Some(count), _) => {
             return Err(Error::new(format_args!(
@@ -44,7 +42,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Rough> {
     let (map, points) = weld(&corners);
     let triangles =
         map.as_chunks().0.iter().copied().filter(|[a, b, c]| a != b && b != c && c != a);
-    Ok(Rough { triangles: triangles.collect(), colors: vec![None; points.len()], points })
+    let (triangles, colors) = (triangles.collect(), vec![None; points.len()]);
+    Ok(Rough { triangles, colors, points, origin, notes: Vec::new() })
+}
+
+/// Whether a file begins as text does.
+pub(super) fn is_text(bytes: &[u8]) -> bool {
+    let start = unmarked(bytes).trim_ascii_start();
+    start.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
 }
 
 fn binary(facets: &[u8]) -> Vec<[f32; 3]> {
@@ -58,20 +63,18 @@ fn binary(facets: &[u8]) -> Vec<[f32; 3]> {
     corners
 }
 
-fn ascii(text: &str) -> Result<Vec<[f32; 3]>> {
+fn ascii(text: &str) -> Result<Vec<[f64; 3]>> {
     let mut corners = Vec::new();
-    let mut lines = 0;
-    for (line, content) in text.lines().enumerate() {
-        lines = line + 1;
+    let (mut last, mut whole) = (0, false);
+    for (line, content) in lines(text) {
         let fault = |what: std::fmt::Arguments<'_>| {
-            Error::new(format_args!(
-                "line {}: {what}; the file is damaged, export it again",
-                line + 1
-            ))
+            Error::new(format_args!("line {line}: {what}; the file is damaged, export it again"))
         };
         let mut words = content.split_whitespace();
-        match words.next() {
-            Some("vertex") => {
+        let Some(keyword) = words.next() else { continue };
+        last = line;
+        match keyword.to_ascii_lowercase().as_str() {
+            "vertex" => {
                 let mut corner = [0.0; 3];
                 for value in &mut corner {
                     let word = words.next().unwrap_or_default();
@@ -81,15 +84,16 @@ fn ascii(text: &str) -> Result<Vec<[f32; 3]>> {
                 }
                 corners.push(corner);
             }
-            Some("endfacet") if !corners.len().is_multiple_of(3) => {
+            "endfacet" if !corners.len().is_multiple_of(3) => {
                 return Err(fault(format_args!("a facet needs three vertices")));
             }
+            "endsolid" => whole = true,
             _ => {}
         }
     }
-    if !corners.len().is_multiple_of(3) || !text.contains("endsolid") {
+    if !corners.len().is_multiple_of(3) || !whole {
         return Err(Error::new(format_args!(
-            "line {lines}: the file ends without `endsolid`; it is cut short, export it again"
+            "line {last}: the file ends without `endsolid`; it is cut short, export it again"
         )));
     }
     Ok(corners)
@@ -122,7 +126,10 @@ mod tests {
 
     #[test]
     fn text_and_binary_say_the_same() {
-        for bytes in [ASCII.into(), binary_file(b"made by hand"), binary_file(b"solid lie")] {
+        let capitals = ASCII.to_uppercase();
+        let mac = format!("\u{feff}{}", ASCII.replace('\n', "\r"));
+        let binary = [&b"made by hand"[..], b"solid lie", b"\xef\xbb\xbfsolid"].map(binary_file);
+        for bytes in [ASCII.into(), capitals.into(), mac.into()].into_iter().chain(binary) {
             let rough = parse(&bytes).unwrap();
             assert_eq!(rough.points, [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]]);
             assert_eq!(rough.triangles, [[0, 1, 2], [0, 2, 3]]);

@@ -18,7 +18,7 @@ fn grey() -> Options {
 
 fn parse_as(name: &str, bytes: &[u8], options: &Options) -> Result<Mesh> {
     let path = Path::new(name);
-    parse(path, bytes, Format::of(path, bytes).unwrap(), options)
+    parse(path, bytes, Format::of(path, bytes).unwrap(), options).map(|scan| scan.mesh)
 }
 
 #[track_caller]
@@ -108,7 +108,7 @@ fn what_is_written_as_glb_or_ply_is_read() {
     let place = tempdir().unwrap();
     let path = place.path().join("face.GLB");
     fs::write(&path, glb::encode(&mesh, "face").unwrap()).unwrap();
-    let (read, format) = read(&path, &Options::default()).unwrap();
+    let Scan { mesh: read, format, .. } = read(&path, &Options::default()).unwrap();
     assert_eq!(format, Format::Gltf);
     assert_eq!(read.triangles, mesh.triangles);
     let millimetres = format.millimetres();
@@ -246,15 +246,29 @@ fn bad_documents_are_refused() {
     bad("accessor 9 is out of range", &|d| {
         d["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = 9.into();
     });
-    bad("invalid glTF", &|d| d["meshes"][0]["primitives"][0]["indices"] = 9.into());
+    bad("not a good glTF 2.0 file", &|d| d["meshes"][0]["primitives"][0]["indices"] = 9.into());
     bad("promises 1000000000000 elements", &|d| d["accessors"][0]["count"] = json!(1e12 as u64));
     bad("promises 3 elements", &|d| d["accessors"][0]["byteOffset"] = 4.into());
     bad("promises 3 elements", &|d| d["accessors"][0]["byteOffset"] = json!(u64::MAX));
     bad("2 numbers to an element", &|d| d["accessors"][0]["type"] = "VEC2".into());
     bad("does not hold indices", &|d| d["accessors"][1]["componentType"] = 5126.into());
-    bad("is sparse", &|d| {
+    bad("changes elements it does not have", &|d| {
         d["accessors"][0]["sparse"] = json!({ "count": 1,
-            "indices": { "bufferView": 1, "componentType": 5123 }, "values": { "bufferView": 0 } });
+            "indices": { "bufferView": 1, "byteOffset": 2, "componentType": 5125 },
+            "values": { "bufferView": 0 } });
+    });
+    bad("without any data", &|d| {
+        d["accessors"][0]["count"] = json!(1e12 as u64);
+        d["accessors"][0].as_object_mut().unwrap().remove("bufferView");
+    });
+    bad("version \"1.0\"", &|d| d["asset"]["version"] = "1.0".into());
+    bad("meshes[0].primitives[0]", &|d| {
+        d["meshes"][0]["primitives"][0].as_object_mut().unwrap().remove("attributes");
+    });
+    bad("without Draco", &|d| {
+        d["meshes"][0]["primitives"][0]["extensions"] =
+            json!({ "KHR_draco_mesh_compression": { "bufferView": 0, "attributes": {} } });
+        d["accessors"][0].as_object_mut().unwrap().remove("bufferView");
     });
     bad("reaches beyond its buffer", &|d| d["bufferViews"][0]["byteLength"] = 400.into());
     bad("reaches beyond its buffer", &|d| d["bufferViews"][0]["byteOffset"] = json!(u64::MAX));
@@ -323,7 +337,7 @@ fn a_ply_is_painted_with_its_texture() {
         0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0.25 0.25 0.75 0.25 0.25 0.75\n";
     for text in [per_vertex, per_face] {
         fs::write(&path, text).unwrap();
-        let (mesh, _) = read(&path, &Options::default()).unwrap();
+        let mesh = read(&path, &Options::default()).unwrap().mesh;
         // v points up: the lower row is the picture's last.
         assert_eq!(bytes(&mesh), [[0, 100, 0], [100, 100, 0], [0, 0, 0]]);
     }
@@ -355,6 +369,144 @@ fn a_scan_without_colour_needs_one() {
     assert_eq!(mesh.colors[3], [1.0 / 3.0; 3], "no triangle shows it");
     refused("a.obj", "hello", &grey(), "no vertices");
     refused("a.obj", "v 0 0 0", &grey(), "has no faces");
+}
+
+#[test]
+fn what_may_be_left_out_of_a_document_may_be() {
+    for change in [
+        |d: &mut Value| d["scenes"] = json!([{}]),
+        |d: &mut Value| {
+            d["animations"] = json!([{ "samplers": [], "channels": [{ "sampler": 0,
+                "target": { "path": "pointer" } }] }]);
+        },
+        |d: &mut Value| d["meshes"][0]["primitives"][0]["attributes"]["_PRESSURE"] = 0.into(),
+        |d: &mut Value| {
+            d["extensionsUsed"] = json!(["EXT_texture_webp", "KHR_draco_mesh_compression"]);
+            d["nodes"][0]["extras"] = json!({ "a": [1, "b"] });
+        },
+        |d: &mut Value| {
+            let zeros = json!({ "componentType": 5126, "type": "VEC3", "count": 3 });
+            d["accessors"].as_array_mut().unwrap().push(zeros);
+            d["meshes"][0]["primitives"][0]["targets"] = json!([{ "POSITION": 2 }]);
+            d["meshes"][0]["weights"] = json!([1.0]);
+        },
+    ] {
+        let mesh = read_document(&triangle_document(change), &grey()).unwrap();
+        assert_eq!(mesh.points, TRIANGLE);
+    }
+}
+
+#[test]
+fn morph_targets_have_their_default_weights() {
+    let mut draft = Draft::default();
+    draft.floats(&TRIANGLE);
+    draft.floats(&[[0.0, 0.0, 4.0], [0.0; 3], [0.0; 3]]);
+    // Of the second target only the last vertex moves.
+    draft.view(bytemuck::cast_slice(&[0.0_f32, 8.0, 0.0]));
+    draft.view(&[2, 0, 0, 0]);
+    draft.accessors.push(json!({ "componentType": 5126, "type": "VEC3", "count": 3, "sparse": {
+        "count": 1, "indices": { "bufferView": 3, "componentType": 5121 },
+        "values": { "bufferView": 2 } } }));
+    let document = |weights: Value, node: Value| {
+        let primitive = json!({ "attributes": { "POSITION": 0 }, "targets": [{ "POSITION": 1 }, { "POSITION": 2 }] });
+        draft.document(json!({
+            "scenes": [{ "nodes": [0] }], "nodes": [node],
+            "meshes": [{ "primitives": [primitive], "weights": weights }],
+        }))
+    };
+    let moved = |z, y| [[0., 0., z], [1., 0., 0.], [0., y, 0.]];
+    let own = document(json!([0.5, 0.25]), json!({ "mesh": 0 }));
+    assert_eq!(read_document(&own, &grey()).unwrap().points, moved(2.0, 3.0));
+    let node = document(json!([0.5, 0.25]), json!({ "mesh": 0, "weights": [0, 1] }));
+    assert_eq!(read_document(&node, &grey()).unwrap().points, moved(0.0, 9.0));
+}
+
+#[test]
+fn a_colour_of_ones_own_fills_only_what_has_none() {
+    let parts = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 0 0 2\nv 1 0 2\nv 0 1 2\n\
+                 mtllib a.mtl\nusemtl red\nf 1 2 3\nusemtl blue\nf 4 5 6\nusemtl none\nf 7 8 9\n";
+    let place = tempdir().unwrap();
+    let path = place.path().join("a.obj");
+    let read = |materials: &str| {
+        fs::write(place.path().join("a.mtl"), materials).unwrap();
+        bytes(&parse_as(path.to_str().unwrap(), parts.as_bytes(), &grey()).unwrap())
+    };
+    let found = read("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\nnewmtl none\n");
+    assert_eq!([found[0], found[3], found[6]], [[255, 0, 0], [0, 0, 255], [128; 3]]);
+    // One flat colour all over is what programs write for none.
+    let found = read("newmtl red\nKd 0.8 0.8 0.8\nnewmtl blue\nKd 0.8 0.8 0.8\nnewmtl none\n");
+    assert_eq!(found, [[128; 3]; 9]);
+}
+
+#[test]
+fn seven_numbers_are_a_weight_or_an_opacity() {
+    let read = |[a, b, c]: [&str; 3]| {
+        let text = format!("v 0 0 0 {a}\nv 1 0 0 {b}\nv 0 1 0 {c}\nf 1 2 3\n");
+        parse_as("a.obj", text.as_bytes(), &Options::default())
+    };
+    let weighted = read(["1 0.2 0.4 0.6", "1.0 0 0 0", "1 1 1 1"]).unwrap();
+    assert_eq!(weighted.colors, [[0.2, 0.4, 0.6], [0.0; 3], [1.0; 3]]);
+    let opaque = read(["0.2 0.4 0.6 1", "0 0 0 1", "1 1 1 1"]).unwrap();
+    assert_eq!(opaque.colors, weighted.colors);
+    let message = read(["0.2 0.4 0.6 1", "0 0 0 0.5", "1 1 1 1"]).unwrap_err().to_string();
+    assert!(message.contains("seven numbers"), "{message}");
+}
+
+#[test]
+fn each_texture_of_a_ply_lies_where_it_says_and_faces_may_be_coloured() {
+    let place = tempdir().unwrap();
+    for (name, color) in [("a.png", [200, 0, 0]), ("b.png", [0, 0, 100])] {
+        Picture::filled(2, 2, color).write_png(&place.path().join(name)).unwrap();
+    }
+    let path = place.path().join("scan.ply");
+    let path = path.to_str().unwrap();
+    let text = "ply\nformat ascii 1.0\ncomment TextureFile a.png\ncomment TextureFile b.png\n\
+        element vertex 6\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n\
+        property list uchar int vertex_indices\nproperty list uchar float texcoord\n\
+        property int texnumber\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 1\n0 1 1\n\
+        3 0 1 2 6 0 0 1 0 0 1 0\n3 3 4 5 6 0 0 1 0 0 1 1\n";
+    let mesh = parse_as(path, text.as_bytes(), &Options::default()).unwrap();
+    assert_eq!([bytes(&mesh)[1], bytes(&mesh)[4]], [[200, 0, 0], [0, 0, 100]]);
+    let unnumbered = text.replace("int texnumber", "int other");
+    refused(path, &unnumbered, &Options::default(), "names 2 textures");
+    let painted = text
+        .replace("comment TextureFile a.png\ncomment TextureFile b.png\n", "")
+        .replace(
+            "property list uchar float texcoord\nproperty int texnumber\n",
+            "property uchar red\nproperty uchar green\nproperty uchar blue\n",
+        )
+        .replace("6 0 0 1 0 0 1 0", "255 0 51")
+        .replace("6 0 0 1 0 0 1 1", "0 0 255");
+    let mesh = parse_as(path, painted.as_bytes(), &Options::default()).unwrap();
+    assert_eq!([bytes(&mesh)[1], bytes(&mesh)[4]], [[255, 0, 51], [0, 0, 255]]);
+}
+
+#[test]
+fn coordinates_of_maps_keep_their_digits() {
+    let at = |x: f64| format!("{} {} 2", 500_000.0 + x, 4_600_000.0 - x);
+    let corners = [at(0.0), at(0.01), at(0.03)];
+    let ply = format!(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\n\
+         property double z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
+         {}\n3 0 1 2\n",
+        corners.join("\n")
+    );
+    let obj = format!("v {}\nf 1 2 3\n", corners.join("\nv "));
+    let stl = format!("solid a\nvertex {}\nendfacet\nendsolid\n", corners.join("\nvertex "));
+    for (name, text) in [("a.ply", ply), ("a.obj", obj), ("a.stl", stl)] {
+        let path = Path::new(name);
+        let format = Format::of(path, text.as_bytes()).unwrap();
+        let scan = parse(path, text.as_bytes(), format, &grey()).unwrap();
+        for (p, x) in scan.mesh.points.iter().zip([0.0, 0.01, 0.03]) {
+            let back = f64::from(p[0]) + scan.origin[0] - 500_000.0;
+            assert!((back - x).abs() < 1e-8, "{name}: {back} for {x}");
+        }
+        assert!(
+            scan.notes[0].contains("500000.015 4599999.985 2 was subtracted"),
+            "{:?}",
+            scan.notes
+        );
+    }
 }
 
 #[test]
