@@ -9,6 +9,7 @@ use onescan_core::basis::Basis;
 use onescan_core::chain::{Config, Problem};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::math;
 use onescan_core::model::Model;
 use onescan_core::scene::{MAX_RANK, View};
 use onescan_core::search::{self, ModeSearch, Options};
@@ -194,7 +195,9 @@ pub fn crop_around(
 /// Pixels from where a scene shows a point of the model to a point of the picture.
 fn distance(view: &View, point: [f32; 3], at: [f32; 2]) -> f64 {
     let (u, v, _) = view.camera.project(view.pose.to_world(point));
-    f64::from(u - at[0]).hypot(f64::from(v - at[1]))
+    let [x, y] = [f64::from(u - at[0]), f64::from(v - at[1])];
+    // `hypot` is the platform's own, and its last bit too.
+    math::sqrt_f64(x * x + y * y)
 }
 
 /// The landmarks beside what the fit found; `points` are the fitted model's vertices.
