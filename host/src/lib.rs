@@ -12,6 +12,7 @@
 //! | model ↔ other programs' files | [`interchange`] |
 //! | photo → picture and landmarks a fit looks at | [`photo`] |
 //! | model + scene → picture, mesh | [`render`] |
+//! | fit + photo → texture | [`texture`] |
 //! | model + picture → fitted scene, and the files about it | [`fit`] |
 //! | fits, measures → pages | [`report`] |
 //! | fits → who it is | [`recognition`] |
@@ -58,3 +59,4 @@ pub mod report;
 pub mod scan;
 #[cfg(feature = "full")]
 pub mod simd;
+pub mod texture;

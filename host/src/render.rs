@@ -7,9 +7,14 @@ use crate::model::layout;
 use crate::photo::picture::Picture;
 use onescan_core::basis::{Basis, padded};
 use onescan_core::draw;
+use onescan_core::engine::Engine;
+use onescan_core::lanes::{LANES, chunks};
+use onescan_core::memory::Carver;
 use onescan_core::model::Model;
+use onescan_core::render::rasterize::{Frame, frame_words};
 use onescan_core::rng::Rng;
 use onescan_core::scene::{Camera, Pose, Scene};
+use std::hint::black_box;
 
 /// What stands behind a model drawn alone.
 pub const GROUND: [u8; 3] = [255; 3];
@@ -41,6 +46,44 @@ pub fn draw_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
     draw_over(model, scene, &background).unwrap_or(background)
 }
 
+/// The inverse distance (1/mm) of what the camera sees of the model at each of its pixels, row by row; 0
+/// where that is nothing.
+pub fn inverse_distances(model: &Model<'_>, scene: &Scene) -> Vec<f32> {
+    let [width, height] = scene.view.camera.image_size.map(|side| side as usize);
+    let mut distances = vec![0.0; width * height];
+    let look = |frame: &Frame<'_>| {
+        for (y, row) in distances.chunks_exact_mut(width.max(1)).enumerate() {
+            for (row, chunk) in row.chunks_mut(LANES).zip(y * chunks(width, 1)..) {
+                let pixels = frame.chunk(chunk).into_iter().flatten();
+                row.iter_mut().zip(pixels).for_each(|(distance, pixel)| *distance = pixel[0]);
+            }
+        }
+    };
+    visible(model, scene, look).unwrap_or_default();
+    distances
+}
+
+/// Hands over what is visible of the model.
+pub(crate) fn visible<T>(
+    model: &Model<'_>,
+    scene: &Scene,
+    look: impl FnOnce(&Frame<'_>) -> T,
+) -> Option<T> {
+    let [width, height] = scene.view.camera.image_size.map(|side| side as usize);
+    let vertices = padded(model.vertices());
+    let mut memory = vec![0; 2 * 4 * vertices + frame_words(width, height)];
+    // As much memory as they take: always some.
+    let mut carve = Carver::new(&mut memory);
+    let (positions, window) = (carve.quads(vertices)?, carve.quads(vertices)?);
+    let mut frame = Frame::carve(&mut carve, width, height)?;
+    // Called, as drawing is, where it would be compiled in once more.
+    let engine = black_box(Engine::PORTABLE);
+    (engine.instance)(&model.shape, &scene.subject.shape, positions);
+    (engine.project)(&scene.view, positions, window);
+    (engine.rasterize)(model.triangles, window, &mut frame);
+    Some(look(&frame))
+}
+
 /// Draws a mesh over a plain colour. `scene` gives everything but the coefficients.
 ///
 /// # Errors
@@ -69,6 +112,17 @@ pub fn resize_camera(camera: &Camera, size: [u32; 2]) -> Camera {
         image_size: size,
         ..*camera
     }
+}
+
+/// The camera that sees in a picture resampled to another size, [`Picture::resized`], what `camera` sees
+/// in the picture before: `x' = (x + ½)·s − ½`, so `c' = c + (s − 1)/W'`, and for y down the contrary.
+pub fn resampled_camera(camera: &Camera, size: [u32; 2]) -> Camera {
+    let shift = |i: usize| {
+        let [old, new] = [camera.image_size[i], size[i]].map(|side| side.max(1) as f32);
+        (new / old - 1.0) / new
+    };
+    let [x, y] = camera.principal_point;
+    Camera { principal_point: [x + shift(0), y - shift(1)], image_size: size, ..*camera }
 }
 
 /// A scene that shows the whole model upright under frontal light, turned by `yaw` and `pitch`

@@ -8,6 +8,7 @@ use onescan::fit::{Job, Observed, Schedule, Searching};
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
+use onescan::texture::Kind;
 use onescan::{fit, render, report};
 use onescan_core::chain::{self, Config, Problem};
 use onescan_core::engine::Engine;
@@ -291,11 +292,11 @@ fn finished(
     let mut files = Vec::new();
     let mut add = |name: String, bytes| files.push(File { name, bytes });
     let mut results = Vec::new();
-    for (photo, ((job, fit), folder)) in jobs.iter().zip(fits).zip(&folders).enumerate() {
-        let result = output::finish(job, fit, &names, photo)?;
+    let finished = output::finish(jobs, fits, &names, Kind::default())?;
+    for ((job, result), folder) in jobs.iter().zip(finished).zip(&folders) {
         for (name, bytes) in output::files(&result)? {
             let several = jobs.len() > 1;
-            add(if several { format!("{folder}/{name}") } else { name.into() }, bytes);
+            add(if several { format!("{folder}/{name}") } else { name }, bytes);
         }
         add(format!("{folder}.tlms"), job.landmarks.to_text().into_bytes());
         results.push(result);
@@ -308,7 +309,7 @@ fn finished(
     add("report.html".into(), page.into_bytes());
     if results.len() > 1 {
         for (name, bytes) in output::files_of_all(&results)? {
-            add(name.into(), bytes);
+            add(name, bytes);
         }
     }
     let summaries = results.into_iter().map(|result| result.summary).collect();

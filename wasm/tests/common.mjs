@@ -21,6 +21,8 @@ const ONESCAN = process.env.ONESCAN ?? at('../../target/release/onescan');
 
 /** Lines that every target computes. */
 export const golden = (name) => readFileSync(at(`../../fixtures/golden/${name}.txt`), 'utf8');
+/** Runs the native program. @param {string[]} args */
+export const run = (...args) => execFileSync(ONESCAN, ['--quiet', ...args], { stdio: 'inherit' });
 /** The fingerprint of a search among them. */
 export const goldenSearch = (name) => /^search (\w+)$/m.exec(golden(name))[1];
 
@@ -48,10 +50,10 @@ function fitted(modelFile, name, photos, options, found = false) {
   const out = join(OUT, name);
   rmSync(out, { recursive: true, force: true });
   const landmarks = found ? [] : ['--landmarks', ...photos.map(marks)];
-  const fit = ['--quiet', 'fit', modelFile, ...photos, ...landmarks, '-o', out];
+  const fit = ['fit', modelFile, ...photos, ...landmarks, '-o', out];
   // All components: what JavaScript takes by default.
   fit.push('--schedule', 'mode', '--shape-rank', '200', '--albedo-rank', '200');
-  execFileSync(ONESCAN, [...fit, ...options], { stdio: 'inherit' });
+  run(...fit, ...options);
   return out;
 }
 

@@ -1,24 +1,27 @@
 //! `onescan convert`.
 
-use super::{model_file, read_model, write_model};
+use super::{model_file, output_file, read_model, write_mesh, write_model};
 use clap::Args;
 use onescan::error::{Error, Result};
+use onescan::files::has_extension;
 use onescan::interchange::{self, Format};
 use onescan::mesh::landmarks;
 use onescan::model::process::Process;
 use onescan::progress::Console;
+use onescan::render;
 use std::path::PathBuf;
 
-/// Write a model for another program, or take one from there.
+/// Write a model for another program, or take one from there; or write its mean as a mesh.
 ///
 /// Formats by extension: .3dmm is ours; .h5 is that of statismo, scalismo and the Basel face models
 /// 2017 and 2019; .h5.json the same as newer versions of scalismo write it; .mat is the Basel face
-/// model 2009 and only read. What the new file cannot carry is said.
+/// model 2009 and only read. What the new file cannot carry is said. A .glb or .ply has the mean face
+/// alone, with its albedo, for viewers and modelling programs.
 #[derive(Args)]
 pub(super) struct Convert {
     /// The model to read.
     model: PathBuf,
-    /// The model to write.
+    /// The model to write; or the mesh, .glb or .ply.
     #[arg(short, long)]
     output: PathBuf,
     /// Landmarks to give it instead of its own, JSON.
@@ -32,6 +35,16 @@ pub(super) struct Convert {
 
 impl Convert {
     pub(super) fn run(self, console: Console) -> Result<()> {
+        if has_extension(&self.output, &["glb", "ply"]) {
+            if let Some(path) = &self.landmarks {
+                return Err(Error::file(path, "a mesh has no landmarks; leave --landmarks out"));
+            }
+            output_file(&self.output, &["glb", "ply"])?;
+            let file = interchange::open(&self.model)?;
+            write_mesh(&self.output, &render::instance(&file.view(), &[], &[]))?;
+            console.say(format_args!("wrote the mean, {}", self.output.display()));
+            return Ok(());
+        }
         model_file(&self.output)?;
         let mut model = match &self.landmarks {
             None => read_model(console, &self.model)?,

@@ -12,6 +12,7 @@ use onescan::fit::{Ending, Job, Schedule};
 use onescan::photo::Crop;
 use onescan::photo::picture::{Picture, contact_sheet};
 use onescan::progress::Console;
+use onescan::texture::Kind;
 use onescan::{render, report};
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
@@ -91,10 +92,11 @@ impl Demo {
                 PhotoNames { image: subject.file.into(), landmarks: Some(tlms), mask: None };
             let names =
                 Names { model: "face.3dmm".into(), given: None, face: 1, photos: vec![photo] };
-            let result = output::finish(&job, &fit, &names, 0)?;
-            output::write(&directory, &result, Vec::new())?;
-            console.say(output::closing_line(&result.summary));
-            results.push((result, subject.about));
+            for result in output::finish(&[job], &[*fit], &names, Kind::default())? {
+                output::write(&directory, &result, Vec::new())?;
+                console.say(output::closing_line(&result.summary));
+                results.push((result, subject.about));
+            }
         }
 
         let sheet = sample_sheet(&model, self.seed)?;

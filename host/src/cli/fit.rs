@@ -17,12 +17,14 @@ use onescan::posterior::output::Spread;
 use onescan::posterior::{self, Request, warning};
 use onescan::progress::Console;
 use onescan::report;
+use onescan::texture::Kind;
 use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::scene::MAX_RANK;
 use onescan_core::search::unknowns::MAX_PHOTOS;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::slice::from_ref;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
@@ -37,8 +39,9 @@ use std::time::Duration;
 /// paper or sampler, runs a chain.
 ///
 /// Writes to the output directory: report.html, overlay.png and photo.png (the model on the photo),
-/// landmarks.png, mesh.ply and mesh.glb, fit.json and fit.rps (all parameters); of a search mask.png
-/// (white: the face is seen) and behind.png (the model behind what hides it) as well.
+/// landmarks.png; mesh.glb (the face with a texture from the photo), the same as mesh.obj with mesh.mtl
+/// and mesh.png, mesh.ply (with its albedo), textured.png; fit.json and fit.rps (all parameters); of a
+/// search mask.png (white: the face is seen) and behind.png (the model behind what hides it) as well.
 ///
 /// Of several photos (2 to 8; with --landmarks as many files, in the same order) it finds one face, and
 /// each photo's pose, camera and light: more views show more of the shape. Each photo's files then go
@@ -114,6 +117,11 @@ pub(super) struct Fit {
     /// [default: 80 at --size 256, at others as the picture's area; with --schedule paper 1].
     #[arg(long, value_parser = at_least_one, allow_negative_numbers = true)]
     pixel_patch: Option<f32>,
+    /// What the mesh's texture shows: `photo` the face as photographed, its light included; `albedo` the
+    /// same without that light, for scenes with their own; `none` the fitted albedo alone, as colours of
+    /// vertices.
+    #[arg(long, value_enum, default_value_t)]
+    texture: Kind,
     /// Sample the posterior around the mode as well: so many states of each chain are kept. Some 400
     /// and a minute or two tell how far pose and shape are known.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=100_000))]
@@ -348,8 +356,9 @@ impl Fit {
                 ))
             }
             Ending::Done(fit) => {
-                let result = output::finish(job, &fit, &self.names(), 0)?;
-                self.write_one(&result, Vec::new(), provenance, console)?;
+                let results =
+                    output::finish(from_ref(job), from_ref(&*fit), &self.names(), self.texture)?;
+                self.write_all(&results, Vec::new(), provenance, console)?;
                 if ours.into_inner() {
                     remove_if_there(&checkpoint);
                 }
@@ -424,18 +433,13 @@ impl Fit {
             ));
         }
         let best = found.best;
-        let mut results = Vec::new();
-        for (i, (job, fit)) in jobs[best].iter().zip(&found.fits[best]).enumerate() {
-            let mut result = output::finish(job, fit, &names(best), i)?;
+        let (jobs, found) = (&jobs[best], &found.fits[best]);
+        let mut results = output::finish(jobs, found, &names(best), self.texture)?;
+        for result in &mut results {
             result.summary.mixture.clone_from(&components);
-            results.push(result);
         }
-        let all = vec![("components.json", Summaries { fits }.to_json()?.into_bytes())];
-        let provenance = models[best].provenance();
-        if let [result] = &results[..] {
-            return self.write_one(result, all, provenance, console);
-        }
-        self.write_several(&results, all, provenance, console)
+        let all = vec![("components.json".into(), Summaries { fits }.to_json()?.into_bytes())];
+        self.write_all(&results, all, models[best].provenance(), console)
     }
 
     fn run_several(
@@ -449,11 +453,8 @@ impl Fit {
         let found =
             watch(stop, console.task("fitting", steps), |control| find_mode(jobs, control))?;
         let fits = found.ok_or_else(interrupted)?;
-        let names = self.names();
-        let results = (jobs.iter().zip(&fits).enumerate())
-            .map(|(i, (job, fit))| output::finish(job, fit, &names, i))
-            .collect::<Result<Vec<_>>>()?;
-        self.write_several(&results, Vec::new(), provenance, console)
+        let results = output::finish(jobs, &fits, &self.names(), self.texture)?;
+        self.write_all(&results, Vec::new(), provenance, console)
     }
 
     /// Samples the posterior around the mode of one photo or several.
@@ -471,10 +472,8 @@ impl Fit {
         let found = watch(stop, task, |control| posterior::sample(jobs, &request, control))?;
         let (fits, samples) = found.ok_or_else(interrupted)?;
         let spread = Spread::new(model, &samples)?;
-        let names = self.names();
-        let mut results = Vec::new();
-        for (i, (job, fit)) in jobs.iter().zip(&fits).enumerate() {
-            let mut result = output::finish(job, fit, &names, i)?;
+        let mut results = output::finish(jobs, &fits, &self.names(), self.texture)?;
+        for (i, result) in results.iter_mut().enumerate() {
             let summary = &mut result.summary;
             summary.posterior = samples.found(i, &spread);
             summary.warnings.extend(summary.posterior.as_ref().and_then(warning));
@@ -482,44 +481,33 @@ impl Fit {
             summary.command =
                 format!("{} --posterior {draws} --chains {chains} --seed {seed}", summary.command);
             result.pictures.uncertainty = Some(spread.picture(model)?);
-            results.push(result);
         }
         let mut files = spread.files(model)?;
-        files.push(("posterior.h5", posterior::output::states(&samples)?));
-        if let [result] = &results[..] {
-            return self.write_one(result, files, model.provenance(), console);
-        }
-        self.write_several(&results, files, model.provenance(), console)
+        files.push(("posterior.h5".into(), posterior::output::states(&samples)?));
+        self.write_all(&results, files, model.provenance(), console)
     }
 
-    fn write_one(
-        &self,
-        result: &Finished,
-        mut more: Vec<(&'static str, Vec<u8>)>,
-        provenance: &str,
-        console: Console,
-    ) -> Result<()> {
-        more.push(("report.html", report::fit_report(result, provenance)?.into_bytes()));
-        output::write(&self.output, result, more)?;
-        say(result, console);
-        self.say_open(console);
-        Ok(())
-    }
-
-    fn write_several(
+    fn write_all(
         &self,
         results: &[Finished],
-        mut more: Vec<(&'static str, Vec<u8>)>,
+        mut more: Vec<(String, Vec<u8>)>,
         provenance: &str,
         console: Console,
     ) -> Result<()> {
+        if let [result] = results {
+            more.push(("report.html".into(), report::fit_report(result, provenance)?.into_bytes()));
+            output::write(&self.output, result, more)?;
+            say(result, console);
+            self.say_open(console);
+            return Ok(());
+        }
         let names = self.names();
         let folders: Vec<_> = (0..results.len()).map(|i| names.folder(i)).collect();
         for folder in &folders {
             output_directory(&self.output.join(folder))?;
         }
         let page = report::subject_report(results, &folders, provenance)?;
-        more.push(("report.html", page.into_bytes()));
+        more.push(("report.html".into(), page.into_bytes()));
         output::write_all(&self.output, results, &folders, more)?;
         for result in results {
             say(result, console);

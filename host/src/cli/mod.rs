@@ -21,12 +21,13 @@ mod scan;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
-use onescan::files::{folder, has_extension, is_stream, listed};
+use onescan::files::{folder, has_extension, is_stream, listed, write_atomically};
 use onescan::interchange::{self, Format};
-use onescan::mesh::Mesh;
-use onescan::mesh::ply;
+use onescan::mesh::ply::{self, Encoding};
+use onescan::mesh::{Mesh, glb};
 use onescan::model::morphable::{Import, Morphable};
 use onescan::progress::Console;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// 3D morphable models from a single 3D scan.
@@ -74,7 +75,7 @@ enum Command {
     ///
     /// Writes modes.png, a row for each component: shape at −3 standard deviations, the mean, shape
     /// at +3, and the same of the albedo. Each picture is beside it as a mesh, such as
-    /// `shape_1_plus.ply`, the mean as mean.ply.
+    /// `shape_1_plus.ply` and `shape_1_plus.glb`, the mean as mean.ply and mean.glb.
     Modes(modes::Modes),
     /// Make models of models: project, condition, cut out, sum up, learn from meshes.
     ///
@@ -178,6 +179,15 @@ fn positive(text: &str) -> std::result::Result<f64, String> {
 fn meshes(places: &[PathBuf]) -> Result<Vec<(PathBuf, Mesh)>> {
     let paths = listed(places, &["ply"], "has no .ply files; give meshes, or their directory")?;
     paths.into_iter().map(|path| ply::read(&path).map(|mesh| (path, mesh))).collect()
+}
+
+/// Writes a mesh with its colours, as GLB if the file's name says so, else as PLY.
+fn write_mesh(path: &Path, mesh: &Mesh) -> Result<()> {
+    if has_extension(path, &["glb"]) {
+        let bytes = glb::encode(mesh, &path.file_stem().unwrap_or_default().to_string_lossy())?;
+        return write_atomically(path, |out| out.write_all(&bytes));
+    }
+    write_atomically(path, |out| ply::write(out, mesh, Encoding::default()))
 }
 
 /// The same of a model, whose name must tell a format that is written.

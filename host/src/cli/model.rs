@@ -1,13 +1,15 @@
 //! `onescan model`.
 
-use super::{file_name, meshes, model_file, output_file, positive, read_model, write_model};
+use super::{
+    file_name, meshes, model_file, output_file, positive, read_model, write_mesh, write_model,
+};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::files::{has_extension, read_text, write_atomically};
 use onescan::interchange::Format;
 use onescan::interchange::mixture::Mixture;
 use onescan::mesh::landmarks::{self, Point};
-use onescan::mesh::ply::{self, Encoding};
+use onescan::mesh::ply;
 use onescan::model::morphable::Morphable;
 use onescan::model::operate::posterior::Observation;
 use onescan::model::operate::with_line;
@@ -71,7 +73,7 @@ pub(super) struct Project {
     model: PathBuf,
     /// The mesh, PLY, of the model's topology and in its place.
     mesh: PathBuf,
-    /// The mesh to write, .ply.
+    /// The mesh to write, .ply or .glb.
     #[arg(short, long)]
     output: PathBuf,
     /// Write the coefficients as well, .json.
@@ -223,14 +225,14 @@ fn write(console: Console, from: &Path, path: &Path, model: &Morphable) -> Resul
 
 impl Project {
     fn run(self, console: Console) -> Result<()> {
-        output_file(&self.output, &["ply"])?;
+        output_file(&self.output, &["ply", "glb"])?;
         self.coefficients.as_deref().map_or(Ok(()), |path| output_file(path, &["json"]))?;
         let (model, mesh) = (read_model(console, &self.model)?, ply::read(&self.mesh)?);
         let variance = self.noise.map(|deviation| deviation * deviation);
         let [shape, albedo] =
             model.project(&mesh, variance).map_err(|e| Error::file(&self.mesh, e))?;
         let found = model.instance(&shape, &albedo);
-        write_atomically(&self.output, |out| ply::write(out, &found, Encoding::default()))?;
+        write_mesh(&self.output, &found)?;
         if let Some(path) = &self.coefficients {
             let text = format!("{:#}\n", json!({ "shape": shape, "albedo": albedo }));
             write_atomically(path, |out| out.write_all(text.as_bytes()))?;

@@ -1,11 +1,9 @@
 //! `onescan modes`.
 
-use super::{degrees, output_directory, positive};
+use super::{degrees, output_directory, positive, write_mesh};
 use clap::Args;
 use onescan::error::Result;
-use onescan::files::write_atomically;
 use onescan::interchange;
-use onescan::mesh::ply::{self, Encoding};
 use onescan::photo::picture::{WHITE, contact_sheet};
 use onescan::progress::Console;
 use onescan::render;
@@ -40,8 +38,9 @@ impl Modes {
         let scene = render::portrait(&model, [self.size; 2], self.yaw.to_radians(), 0.0);
         let show = |name: &str, shape: &[f32], albedo: &[f32]| {
             let mesh = render::instance(&model, shape, albedo);
-            let path = self.output.join(format!("{name}.ply"));
-            write_atomically(&path, |out| ply::write(out, &mesh, Encoding::default()))?;
+            for format in ["ply", "glb"] {
+                write_mesh(&self.output.join(format!("{name}.{format}")), &mesh)?;
+            }
             render::draw_mesh(&mesh, &scene, render::GROUND)
         };
         let mean = show("mean", &[], &[])?;

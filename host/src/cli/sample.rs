@@ -1,11 +1,9 @@
 //! `onescan sample`.
 
-use super::output_directory;
+use super::{output_directory, write_mesh};
 use clap::Args;
 use onescan::error::Result;
-use onescan::files::write_atomically;
 use onescan::interchange;
-use onescan::mesh::ply::{self, Encoding};
 use onescan::photo::picture::contact_sheet;
 use onescan::progress::Console;
 use onescan::render;
@@ -14,7 +12,7 @@ use std::path::PathBuf;
 
 /// Draw random instances of a model: meshes, and a sheet of pictures.
 ///
-/// Writes `sample_NN.ply` (albedo as vertex colours) and samples.png, a sheet of them all.
+/// Writes `sample_NN.ply` and `sample_NN.glb` (albedo as vertex colours) and samples.png, a sheet of them all.
 #[derive(Args)]
 pub(super) struct Sample {
     /// The model: .3dmm, .h5, .h5.json or .mat.
@@ -58,8 +56,9 @@ impl Sample {
                 albedo.clear();
             }
             let mesh = render::instance(&model, &shape, &albedo);
-            let path = self.output.join(format!("sample_{number:02}.ply"));
-            write_atomically(&path, |out| ply::write(out, &mesh, Encoding::default()))?;
+            for format in ["ply", "glb"] {
+                write_mesh(&self.output.join(format!("sample_{number:02}.{format}")), &mesh)?;
+            }
             if pictures.len() < SHOWN {
                 let scene = render::portrait(&model, [SIDE; 2], 0.35, 0.0);
                 pictures.push(render::draw_mesh(&mesh, &scene, render::GROUND)?);

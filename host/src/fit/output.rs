@@ -8,24 +8,28 @@ use crate::fit::rps::Rps;
 use crate::fit::summary::{
     BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summaries, Summary, hex,
 };
-use crate::mesh::Mesh;
-use crate::mesh::glb;
 use crate::mesh::ply::{self, Encoding};
+use crate::mesh::skin::Skin;
+use crate::mesh::{Mesh, glb, obj};
 use crate::photo::Crop;
 use crate::photo::picture::{self, Picture, Rgb};
 use crate::photo::tlms::Tlms;
 use crate::render;
+use crate::texture::{self, Shot};
 use onescan_core::chain;
 use onescan_core::model::Model;
 use onescan_core::scene::{Scene, Subject};
 use std::fmt::{Display, Write as _};
 #[cfg(feature = "full")]
 use std::path::Path;
+use std::sync::Arc;
 
 /// Longer side of the face's pictures, pixels.
 const SIDE: u32 = 512;
 /// Yaw of the side views, radians.
 const SIDES: [f32; 2] = [-0.9, 0.9];
+/// And of the one that shows the mesh in its skin.
+const TURN: f32 = -0.6;
 
 /// Colours of landmarks: where they were marked, the same far off, and where the fit has them.
 const MARKED: Rgb = [255, 220, 60];
@@ -36,6 +40,9 @@ const FITTED: Rgb = [70, 200, 255];
 const MASKED: [&str; 2] = ["mask.png", "behind.png"];
 /// File that only a fit to found landmarks writes.
 const FOUND: [&str; 1] = ["landmarks.tlms"];
+/// File that only a mesh with a texture has.
+#[cfg(feature = "full")]
+const TEXTURED: [&str; 1] = ["mesh.png"];
 /// File that only the fit of a mixture writes.
 #[cfg(feature = "full")]
 const MIXED: [&str; 1] = ["components.json"];
@@ -95,6 +102,8 @@ pub struct Finished {
     pub summary: Summary,
     /// The fitted face: shape in the model's frame, albedo as colours.
     pub mesh: Mesh,
+    /// What it looks like, by all photos of the subject.
+    pub skin: Arc<Skin>,
     /// The pictures.
     pub pictures: Pictures,
     /// The landmarks, if they were found.
@@ -111,6 +120,8 @@ pub struct Pictures {
     pub alone: Picture,
     /// The fitted model turned to both sides, under frontal light.
     pub sides: Vec<Picture>,
+    /// The mesh in its skin, as in the photo and turned.
+    pub textured: [Picture; 2],
     /// The whole photo with the fitted model drawn on it.
     pub whole: Picture,
     /// Of a search for the mode.
@@ -132,17 +143,53 @@ pub struct Masked {
     pub behind: Picture,
 }
 
-/// Draws the pictures and collects the numbers of a finished fit to the photo of this number.
+/// Draws the pictures and collects the numbers of finished fits to photos of one subject, and bakes its
+/// texture.
 ///
 /// # Errors
-/// No such photo; none else for a fit of this job.
-pub fn finish(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Result<Finished> {
-    let summary = summarize(job, fit, names, photo)?;
-    let Subject { shape, albedo } = &fit.best.scene.subject;
-    let mesh = render::instance(job.model, shape, albedo);
-    let given = names.photos.get(photo).and_then(|names| names.landmarks.as_ref());
-    let found = given.is_none().then(|| job.landmarks.clone());
-    Ok(Finished { mesh, pictures: pictures(job, fit, &summary)?, summary, found })
+/// None for fits of these jobs, and a name for each photo.
+pub fn finish(
+    jobs: &[Job<'_>],
+    fits: &[Fit],
+    names: &Names,
+    kind: texture::Kind,
+) -> Result<Vec<Finished>> {
+    let mut results = Vec::new();
+    let mut baked = None;
+    for (i, (job, fit)) in jobs.iter().zip(fits).enumerate() {
+        let mut summary = summarize(job, fit, names, i)?;
+        if kind != texture::Kind::default() {
+            summary.command = format!("{} --texture {kind}", summary.command);
+        }
+        let subject = &fit.best.scene.subject;
+        let mesh = render::instance(job.model, &subject.shape, &subject.albedo);
+        let skin = if let Some(skin) = &baked {
+            Arc::clone(skin)
+        } else {
+            let shots: Vec<_> = jobs.iter().zip(fits).map(shot).collect();
+            Arc::new(texture::bake(job.model, subject, &mesh, &shots, kind)?)
+        };
+        baked = Some(Arc::clone(&skin));
+        let given = names.photos.get(i).and_then(|names| names.landmarks.as_ref());
+        results.push(Finished {
+            mesh,
+            pictures: pictures(job, fit, &summary, &skin)?,
+            skin,
+            summary,
+            found: given.is_none().then(|| job.landmarks.clone()),
+        });
+    }
+    Ok(results)
+}
+
+fn shot<'a>((job, fit): (&'a Job<'_>, &'a Fit)) -> Shot<'a> {
+    Shot {
+        photo: job.photo,
+        crop: fit.crop,
+        mask: fit.mode.as_ref().map(|mode| &mode.mask[..]),
+        hidden: job.mask,
+        view: &fit.best.scene.view,
+    }
 }
 
 /// Collects the numbers alone.
@@ -261,14 +308,18 @@ fn finite(x: f64) -> f64 {
     x.max(f64::MIN)
 }
 
-fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary) -> Result<Pictures> {
+fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary, skin: &Skin) -> Result<Pictures> {
     let longer = fit.crop.scaled_to[0].max(fit.crop.scaled_to[1]).max(1);
     let shown = |side: u32| (side * SIDE).div_ceil(longer).max(1);
     let crop = Crop { scaled_to: fit.crop.scaled_to.map(shown), ..fit.crop };
     let photo = crop.cut(job.photo)?;
     let mut scene = fit.best.scene.clone();
     scene.view.camera.image_size = crop.scaled_to;
-    let sides = SIDES.map(|yaw| side_view(job.model, &scene, yaw));
+    let sides = SIDES
+        .map(|yaw| render::draw_on(job.model, &turned(job.model, &scene, yaw), render::GROUND));
+    let show = |scene: &Scene| texture::show(job.model, scene, skin, render::GROUND);
+    let mut seen = fit.best.scene.clone();
+    seen.view.camera = render::resampled_camera(&seen.view.camera, crop.scaled_to);
     let on_photo = render::draw_over(job.model, &scene, &photo)?;
     let masked = fit.mode.as_ref().map(|mode| masked(fit.crop, &mode.mask, &photo, &on_photo));
     Ok(Pictures {
@@ -279,6 +330,7 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary) -> Result<Pictures> {
         on_photo,
         alone: render::draw_on(job.model, &scene, render::GROUND),
         sides: sides.into(),
+        textured: [show(&seen), show(&turned(job.model, &scene, TURN))],
         whole: render::draw_over(job.model, &summary.parameters, job.photo)?,
         photo,
     })
@@ -332,10 +384,9 @@ fn marked(
 }
 
 /// The fitted face turned, upright, under frontal light.
-fn side_view(model: &Model<'_>, fitted: &Scene, yaw: f32) -> Picture {
+fn turned(model: &Model<'_>, fitted: &Scene, yaw: f32) -> Scene {
     let portrait = render::portrait(model, [SIDE; 2], yaw, 0.0);
-    let scene = Scene { subject: fitted.subject.clone(), view: portrait.view };
-    render::draw_on(model, &scene, render::GROUND)
+    Scene { subject: fitted.subject.clone(), view: portrait.view }
 }
 
 impl Pictures {
@@ -343,6 +394,12 @@ impl Pictures {
     pub fn behind(&self) -> Option<Picture> {
         let masked = self.masked.as_ref()?;
         Some(picture::montage(&[&self.photo, &masked.behind], 8, [255; 3]))
+    }
+
+    /// `photo | mesh in its skin | the same turned`.
+    pub fn textured(&self) -> Picture {
+        let [seen, turned] = self.textured.each_ref();
+        picture::montage(&[&self.photo, seen, turned], 8, picture::WHITE)
     }
 
     /// `photo | model on photo`, with the landmarks.
@@ -360,34 +417,40 @@ impl Pictures {
 ///
 /// # Errors
 /// None for a fit that [`finish`] made.
-pub fn files(result: &Finished) -> Result<Vec<(&'static str, Vec<u8>)>> {
+pub fn files(result: &Finished) -> Result<Vec<(String, Vec<u8>)>> {
     let rps = Rps {
         scene: result.summary.parameters.clone(),
         model_uri: result.summary.model.file.clone(),
     };
-    let mut files = vec![
-        ("fit.json", result.summary.to_json()?.into_bytes()),
-        ("fit.rps", rps.to_text()?.into_bytes()),
-        ("overlay.png", result.pictures.overlay().to_png()?),
-        ("photo.png", result.pictures.whole.to_png()?),
-        ("landmarks.png", result.pictures.landmarks().to_png()?),
+    let mut files: Vec<(String, Vec<u8>)> = vec![
+        ("fit.json".into(), result.summary.to_json()?.into_bytes()),
+        ("fit.rps".into(), rps.to_text()?.into_bytes()),
+        ("overlay.png".into(), result.pictures.overlay().to_png()?),
+        ("textured.png".into(), result.pictures.textured().to_png()?),
+        ("photo.png".into(), result.pictures.whole.to_png()?),
+        ("landmarks.png".into(), result.pictures.landmarks().to_png()?),
     ];
     if let (Some(masked), Some(behind)) = (&result.pictures.masked, result.pictures.behind()) {
         let [mask_name, behind_name] = MASKED;
-        files.push((mask_name, masked.mask.to_png()?));
-        files.push((behind_name, behind.to_png()?));
+        files.push((mask_name.into(), masked.mask.to_png()?));
+        files.push((behind_name.into(), behind.to_png()?));
     }
     if let Some(found) = &result.found {
-        files.push((FOUND[0], found.to_text().into_bytes()));
+        files.push((FOUND[0].into(), found.to_text().into_bytes()));
     }
-    files.extend(meshes(&result.mesh)?);
+    files.extend(meshes(result)?);
     Ok(files)
 }
 
-fn meshes(mesh: &Mesh) -> Result<[(&'static str, Vec<u8>); 2]> {
+fn meshes(Finished { mesh, skin, .. }: &Finished) -> Result<Vec<(String, Vec<u8>)>> {
     let mut ply = Vec::new();
     ply::write(&mut ply, mesh, Encoding::default()).map_err(Error::new)?;
-    Ok([("mesh.ply", ply), ("mesh.glb", glb::encode(mesh, "fitted face")?)])
+    let mut files = vec![
+        ("mesh.ply".into(), ply),
+        ("mesh.glb".into(), glb::encode_with(mesh, skin, "fitted face")?),
+    ];
+    files.extend(obj::files(mesh, skin, "mesh"));
+    Ok(files)
 }
 
 /// What fits to several photos of one subject leave behind besides each fit's [`files`]: the face, and
@@ -395,11 +458,11 @@ fn meshes(mesh: &Mesh) -> Result<[(&'static str, Vec<u8>); 2]> {
 ///
 /// # Errors
 /// None for fits that [`finish`] made.
-pub fn files_of_all(results: &[Finished]) -> Result<Vec<(&'static str, Vec<u8>)>> {
+pub fn files_of_all(results: &[Finished]) -> Result<Vec<(String, Vec<u8>)>> {
     let fits = results.iter().map(|result| result.summary.clone()).collect();
-    let mut all = vec![("summary.json", Summaries { fits }.to_json()?.into_bytes())];
+    let mut all = vec![("summary.json".into(), Summaries { fits }.to_json()?.into_bytes())];
     if let Some(first) = results.first() {
-        all.extend(meshes(&first.mesh)?);
+        all.extend(meshes(first)?);
     }
     Ok(all)
 }
@@ -413,11 +476,7 @@ const RESULTS: [&str; 2] = ["fit.json", "summary.json"];
 /// # Errors
 /// Files that cannot be written.
 #[cfg(feature = "full")]
-pub fn write(
-    directory: &Path,
-    result: &Finished,
-    mut more: Vec<(&'static str, Vec<u8>)>,
-) -> Result<()> {
+pub fn write(directory: &Path, result: &Finished, mut more: Vec<(String, Vec<u8>)>) -> Result<()> {
     let [own, other] = RESULTS;
     more.extend(files(result)?);
     more.sort_by_key(|(name, _)| *name == own);
@@ -436,19 +495,19 @@ pub fn write_all(
     directory: &Path,
     results: &[Finished],
     folders: &[String],
-    mut more: Vec<(&'static str, Vec<u8>)>,
+    mut more: Vec<(String, Vec<u8>)>,
 ) -> Result<()> {
     let (mut all, mut gone) = (Vec::new(), Vec::new());
     let [single, last] = RESULTS;
     for (result, folder) in results.iter().zip(folders) {
         let within = |name: &str| format!("{folder}/{name}");
-        all.extend(files(result)?.into_iter().map(|(name, bytes)| (within(name), bytes)));
+        all.extend(files(result)?.into_iter().map(|(name, bytes)| (within(&name), bytes)));
         let old = stale(result, true);
         gone.extend(old.into_iter().chain(["report.html", single]).map(within));
     }
     more.extend(files_of_all(results)?);
     more.sort_by_key(|(name, _)| *name == last);
-    all.extend(more.into_iter().map(|(name, bytes)| (name.to_string(), bytes)));
+    all.append(&mut more);
     if let Some(first) = results.first() {
         gone.extend(stale(first, false).into_iter().map(String::from));
     }
@@ -461,10 +520,11 @@ pub fn write_all(
 #[cfg(feature = "full")]
 fn stale(result: &Finished, own: bool) -> Vec<&'static str> {
     let unless = |there: bool, names: &'static [&'static str]| if there { &[] } else { names };
-    let Finished { summary, pictures, found, .. } = result;
+    let Finished { summary, skin, pictures, found, .. } = result;
     [
         unless(own && pictures.masked.is_some(), &MASKED),
         unless(own && found.is_some(), &FOUND),
+        unless(skin.textured(), &TEXTURED),
         unless(summary.posterior.is_some(), &SAMPLED),
         unless(!summary.mixture.is_empty(), &MIXED),
     ]

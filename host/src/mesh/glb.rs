@@ -1,7 +1,8 @@
-//! Binary glTF 2.0 (`.glb`) of a coloured mesh, for viewers and web pages.
+//! Binary glTF 2.0 (`.glb`) of a coloured or textured mesh, for viewers and web pages.
 
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
+use crate::mesh::skin::{Colors, Skin};
 use onescan_core::math;
 use serde_json::Value;
 
@@ -12,84 +13,159 @@ mod gl {
     pub(super) const FLOAT: u32 = 5126;
     pub(super) const ARRAY_BUFFER: u32 = 34962;
     pub(super) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+    pub(super) const LINEAR: u32 = 9729;
+    pub(super) const LINEAR_MIPMAP_LINEAR: u32 = 9987;
+    pub(super) const CLAMP_TO_EDGE: u32 = 33071;
 }
+
+/// The extension by which a viewer shows colours as they are.
+const UNLIT: &str = "KHR_materials_unlit";
 
 /// Metres (glTF's unit) in a millimetre (ours).
 const METRE: f32 = 0.001;
 
-/// The bytes of a `.glb` file with positions in metres, normals, and colours per vertex.
+/// The bytes of a `.glb` file of a mesh with its own colours, lit: see [`encode_with`].
 ///
-/// Colours are stored linear, as glTF wants them, in 16 bits: 8-bit sRGB survives exactly and the
-/// file has the same bytes everywhere. The material is fully rough, not metallic and seen from
-/// both sides (a face is an open surface). It is lit, not `KHR_materials_unlit`: the colours are
-/// albedo, which under the viewer's light shows the form; unlit, a face looks like a flat mask.
+/// # Errors
+/// Those of [`encode_with`].
+pub fn encode(mesh: &Mesh, name: &str) -> Result<Vec<u8>> {
+    let colors = Colors::Vertices(mesh.colors.clone());
+    encode_with(mesh, &Skin { colors, lit: true }, name)
+}
+
+/// The bytes of a `.glb` file with positions in metres, normals, and a skin's colours.
+///
+/// Colours per vertex are stored linear, as glTF wants them, in 16 bits: 8-bit sRGB survives exactly
+/// and the file has the same bytes everywhere. A texture is in the file, as PNG. The material is fully
+/// rough, not metallic and seen from both sides (a face is an open surface); `KHR_materials_unlit` if
+/// the colours are not to be lit. An albedo is: unlit, a face looks like a flat mask.
 ///
 /// # Errors
 /// A mesh without vertices or triangles, or too large for the format (4 GiB).
-pub fn encode(mesh: &Mesh, name: &str) -> Result<Vec<u8>> {
+pub fn encode_with(mesh: &Mesh, skin: &Skin, name: &str) -> Result<Vec<u8>> {
     if mesh.points.is_empty() || mesh.triangles.is_empty() {
         return Err(Error::new("a mesh without triangles cannot be written as glTF"));
     }
     let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| p.map(|x| x * METRE)).collect();
-    let colors: Vec<[u16; 4]> = mesh.colors.iter().map(|&c| linear_rgba(c)).collect();
-    // Of unit length everywhere, as glTF wants it.
-    let whole = |n| if n == [0.0; 3] { [0.0, 0.0, 1.0] } else { n };
-    let normals: Vec<[f32; 3]> = mesh.normals().into_iter().map(whole).collect();
-    let parts: [&[u8]; 4] = [
-        bytemuck::cast_slice(&points),
-        bytemuck::cast_slice(&normals),
-        bytemuck::cast_slice(&colors),
-        bytemuck::cast_slice(&mesh.triangles),
-    ];
-    // Every part is a multiple of four bytes long, so each is aligned and none needs padding.
-    let mut binary = Vec::new();
-    let mut views = Vec::new();
-    for (i, part) in parts.into_iter().enumerate() {
-        let target = if i == 3 { gl::ELEMENT_ARRAY_BUFFER } else { gl::ARRAY_BUFFER };
-        views.push(format!(
-            r#"{{"buffer":0,"byteLength":{},"byteOffset":{},"target":{target}}}"#,
-            part.len(),
-            binary.len()
-        ));
-        binary.extend_from_slice(part);
-    }
     // Doubles, so that the decimals are those of exactly these floats.
     let bound = |pick: fn(f32, f32) -> f32| {
         [0, 1, 2].map(|i| f64::from(points.iter().map(|p| p[i]).fold(points[0][i], pick)))
     };
+    let (count, corners) = (points.len(), 3 * mesh.triangles.len());
+    let mut buffer = Buffer::default();
+    let floats =
+        |kind: &str| format!(r#""componentType":{},"count":{count},"type":"{kind}""#, gl::FLOAT);
+    let bounds =
+        format!(r#"{},"max":{:?},"min":{:?}"#, floats("VEC3"), bound(f32::max), bound(f32::min));
+    buffer.add(bytemuck::cast_slice(&points), gl::ARRAY_BUFFER, &bounds);
+    let normals = mesh.whole_normals();
+    buffer.add(bytemuck::cast_slice(&normals), gl::ARRAY_BUFFER, &floats("VEC3"));
+    let (attribute, texture) = match &skin.colors {
+        Colors::Vertices(colors) => {
+            let colors: Vec<[u16; 4]> = colors.iter().map(|&c| linear_rgba(c)).collect();
+            let kind = format!(
+                r#""componentType":{},"count":{count},"normalized":true,"type":"VEC4""#,
+                gl::UNSIGNED_SHORT
+            );
+            buffer.add(bytemuck::cast_slice(&colors), gl::ARRAY_BUFFER, &kind);
+            ("COLOR_0", None)
+        }
+        Colors::Texture(texture) => {
+            let uvs = bytemuck::cast_slice(&texture.uvs);
+            buffer.add(uvs, gl::ARRAY_BUFFER, &floats("VEC2"));
+            ("TEXCOORD_0", Some(texture))
+        }
+    };
+    let kind = format!(r#""componentType":{},"count":{corners},"type":"SCALAR""#, gl::UNSIGNED_INT);
+    buffer.add(bytemuck::cast_slice(&mesh.triangles), gl::ELEMENT_ARRAY_BUFFER, &kind);
+    if let Some(texture) = texture {
+        buffer.view(&texture.png, None);
+    }
+    let (parts, material) = look(skin, buffer.accessors.len());
     let text = format!(
         concat!(
-            r#"{{"accessors":["#,
-            r#"{{"bufferView":0,"componentType":{float},"count":{count},"max":{max:?},"min":{min:?},"#,
-            r#""type":"VEC3"}},"#,
-            r#"{{"bufferView":1,"componentType":{float},"count":{count},"type":"VEC3"}},"#,
-            r#"{{"bufferView":2,"componentType":{short},"count":{count},"normalized":true,"#,
-            r#""type":"VEC4"}},"#,
-            r#"{{"bufferView":3,"componentType":{int},"count":{corners},"type":"SCALAR"}}],"#,
-            r#""asset":{{"generator":"onescan {version}","version":"2.0"}},"#,
+            r#"{{"accessors":[{accessors}],"asset":{{"generator":"onescan {version}","version":"2.0"}},"#,
             r#""bufferViews":[{views}],"buffers":[{{"byteLength":{bytes}}}],"#,
-            r#""materials":[{{"doubleSided":true,"#,
-            r#""pbrMetallicRoughness":{{"metallicFactor":0.0,"roughnessFactor":1.0}}}}],"#,
+            r#"{parts}"materials":[{material}],"#,
             r#""meshes":[{{"name":{name},"primitives":[{{"#,
-            r#""attributes":{{"COLOR_0":2,"NORMAL":1,"POSITION":0}},"indices":3,"material":0}}]}}],"#,
+            r#""attributes":{{"{attribute}":2,"NORMAL":1,"POSITION":0}},"indices":3,"material":0}}]}}],"#,
             r#""nodes":[{{"mesh":0,"name":{name}}}],"scene":0,"scenes":[{{"nodes":[0]}}]}}"#,
         ),
-        float = gl::FLOAT,
-        short = gl::UNSIGNED_SHORT,
-        int = gl::UNSIGNED_INT,
-        count = points.len(),
-        corners = 3 * mesh.triangles.len(),
-        max = bound(f32::max),
-        min = bound(f32::min),
+        accessors = buffer.accessors.join(","),
         version = env!("CARGO_PKG_VERSION"),
-        views = views.join(","),
-        bytes = binary.len(),
+        views = buffer.views.join(","),
+        bytes = buffer.bytes.len(),
+        parts = parts,
+        material = material,
+        attribute = attribute,
         // Quoted.
         name = Value::from(name),
     );
     let mut text = text.into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
-    container(&text, &binary)
+    container(&text, &buffer.bytes)
+}
+
+/// As JSON what a file with such a skin declares, and its material; the view of this number is of the
+/// picture, if there is one.
+fn look(skin: &Skin, picture: usize) -> (String, String) {
+    let (mut parts, mut base, mut unlit) = (String::new(), "", String::new());
+    if skin.textured() {
+        // One picture for the whole surface: nothing lies beyond its border.
+        parts = format!(
+            concat!(
+                r#""images":[{{"bufferView":{picture},"mimeType":"image/png"}}],"#,
+                r#""samplers":[{{"magFilter":{linear},"minFilter":{mipmaps},"#,
+                r#""wrapS":{edge},"wrapT":{edge}}}],"textures":[{{"sampler":0,"source":0}}],"#,
+            ),
+            picture = picture,
+            linear = gl::LINEAR,
+            mipmaps = gl::LINEAR_MIPMAP_LINEAR,
+            edge = gl::CLAMP_TO_EDGE,
+        );
+        base = r#""baseColorTexture":{"index":0},"#;
+    }
+    if !skin.lit {
+        parts = format!(r#"{parts}"extensionsUsed":["{UNLIT}"],"#);
+        unlit = format!(r#""extensions":{{"{UNLIT}":{{}}}},"#);
+    }
+    let material = format!(
+        concat!(
+            r#"{{"doubleSided":true,{unlit}"#,
+            r#""pbrMetallicRoughness":{{{base}"metallicFactor":0.0,"roughnessFactor":1.0}}}}"#,
+        ),
+        unlit = unlit,
+        base = base,
+    );
+    (parts, material)
+}
+
+/// The binary part, and what is where in it, as JSON.
+#[derive(Default)]
+struct Buffer {
+    bytes: Vec<u8>,
+    views: Vec<String>,
+    accessors: Vec<String>,
+}
+
+impl Buffer {
+    /// Appends bytes, and zeros up to a multiple of four, so that whatever follows is aligned.
+    fn view(&mut self, bytes: &[u8], target: Option<u32>) {
+        let target = target.map_or_else(String::new, |target| format!(r#","target":{target}"#));
+        self.views.push(format!(
+            r#"{{"buffer":0,"byteLength":{},"byteOffset":{}{target}}}"#,
+            bytes.len(),
+            self.bytes.len()
+        ));
+        self.bytes.extend_from_slice(bytes);
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+    }
+
+    /// Appends numbers, and what an accessor says of them. Views and accessors have the same numbers.
+    fn add(&mut self, bytes: &[u8], target: u32, kind: &str) {
+        self.view(bytes, Some(target));
+        self.accessors.push(format!(r#"{{"bufferView":{},{kind}}}"#, self.accessors.len()));
+    }
 }
 
 /// Header, JSON chunk, binary chunk; both chunks already padded to four bytes.
@@ -139,6 +215,8 @@ pub(crate) fn stored(c: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::skin::Texture;
+    use crate::photo::picture::Picture;
 
     fn tetrahedron() -> Mesh {
         Mesh {
@@ -180,6 +258,28 @@ mod tests {
         assert_eq!(colors[2][0], (0.214_041_14_f64 * 65535.0).round() as u16);
         assert_eq!(colors[3][..2], [65535, 0]);
         assert!(primitive.material().double_sided());
+    }
+
+    #[test]
+    fn another_reader_finds_the_texture_and_that_it_is_not_to_be_lit() {
+        let mesh = tetrahedron();
+        let picture = Picture::from_fn(3, 2, |x, y| [x as u8, y as u8, 7]);
+        let uvs: Vec<[f32; 2]> = (0..5).map(|i| [0.25 * i as f32, 0.125]).collect();
+        let texture = Texture::new(uvs.clone(), picture).unwrap();
+        let skin = Skin { colors: Colors::Texture(texture.clone()), lit: false };
+        let gltf = gltf::Gltf::from_slice(&encode_with(&mesh, &skin, "face").unwrap()).unwrap();
+        let blob = gltf.blob.clone().unwrap();
+        let primitive = gltf.meshes().next().unwrap().primitives().next().unwrap();
+        let reader = primitive.reader(|_| Some(&blob));
+        assert_eq!(reader.read_tex_coords(0).unwrap().into_f32().collect::<Vec<_>>(), uvs);
+        assert!(reader.read_colors(0).is_none(), "they would darken the texture");
+        assert!(primitive.material().unlit());
+        let gltf::image::Source::View { view, mime_type } = gltf.images().next().unwrap().source()
+        else {
+            panic!("the picture is in the file")
+        };
+        assert_eq!(mime_type, "image/png");
+        assert_eq!(blob[view.offset()..view.offset() + view.length()], texture.png);
     }
 
     #[test]

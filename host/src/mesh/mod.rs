@@ -1,11 +1,13 @@
-//! Coloured triangle meshes in memory; beside them landmarks, PLY, and glTF out.
+//! Coloured triangle meshes in memory; beside them landmarks, PLY, and glTF and OBJ out.
 
 #[cfg(feature = "full")]
 pub(crate) mod far;
 pub mod glb;
 pub mod landmarks;
+pub mod obj;
 pub mod ply;
 pub(crate) mod polygon;
+pub mod skin;
 
 use onescan_core::math;
 use std::collections::HashMap;
@@ -26,6 +28,12 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// [`Mesh::normals`] for files, where every normal has length one: +z where there is none.
+    pub fn whole_normals(&self) -> Vec<[f32; 3]> {
+        let whole = |n| if n == [0.0; 3] { [0.0, 0.0, 1.0] } else { n };
+        self.normals().into_iter().map(whole).collect()
+    }
+
     /// Unit normals of the vertices: the mean of the unit normals of a vertex's triangles, as the renderer
     /// has it; zero where there is none.
     pub fn normals(&self) -> Vec<[f32; 3]> {

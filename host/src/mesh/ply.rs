@@ -404,7 +404,7 @@ fn corner_uvs(faces: &[Face], cuts: &[Cut]) -> Result<Vec<[[f32; 2]; 3]>> {
     Ok(cuts.iter().map(|(face, triangle)| triangle.map(|k| uv(*face, k))).collect())
 }
 
-/// Writes a mesh: float positions, uchar colours (clamped and rounded), int corner indices.
+/// Writes a mesh: float positions and normals, uchar colours (clamped and rounded), int corner indices.
 ///
 /// # Errors
 /// Those of `out`.
@@ -417,21 +417,24 @@ pub fn write(out: &mut impl Write, mesh: &Mesh, encoding: Encoding) -> io::Resul
         out,
         "ply\nformat {format} 1.0\ncomment onescan\nelement vertex {}\n\
          property float x\nproperty float y\nproperty float z\n\
+         property float nx\nproperty float ny\nproperty float nz\n\
          property uchar red\nproperty uchar green\nproperty uchar blue\n\
          element face {}\nproperty list uchar int vertex_indices\nend_header\n",
         mesh.points.len(),
         mesh.triangles.len()
     )?;
-    for (point, color) in mesh.points.iter().zip(&mesh.colors) {
+    let normals = mesh.whole_normals();
+    for ((point, normal), color) in mesh.points.iter().zip(&normals).zip(&mesh.colors) {
         let rgb = color.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8);
         match encoding {
             Encoding::Binary => {
-                point.iter().try_for_each(|c| out.write_all(&c.to_le_bytes()))?;
+                let mut numbers = point.iter().chain(normal);
+                numbers.try_for_each(|c| out.write_all(&c.to_le_bytes()))?;
                 out.write_all(&rgb)?;
             }
             Encoding::Ascii => {
-                let ([x, y, z], [r, g, b]) = (point, rgb);
-                writeln!(out, "{x} {y} {z} {r} {g} {b}")?;
+                let ([x, y, z], [nx, ny, nz], [r, g, b]) = (point, normal, rgb);
+                writeln!(out, "{x} {y} {z} {nx} {ny} {nz} {r} {g} {b}")?;
             }
         }
     }
@@ -460,6 +463,21 @@ mod tests {
         property float y\nproperty float z\nproperty uchar red\nproperty uchar green\n\
         property uchar blue\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
     const VERTICES: &str = "0 0 0 255 0 51\n1 0 0 0 0 0\n1 1 0 0 0 0\n0 1 0 0 0 0\n";
+
+    #[test]
+    fn normals_are_written_beside_the_points() {
+        let mesh = Mesh {
+            points: vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 0.0, 2.0], [5.0; 3]],
+            colors: vec![[1.0, 0.0, 0.2]; 4],
+            triangles: vec![[0, 1, 2]],
+        };
+        let mut text = Vec::new();
+        write(&mut text, &mesh, Encoding::Ascii).unwrap();
+        assert_eq!(parse(&text).unwrap(), mesh);
+        let text = String::from_utf8(text).unwrap();
+        assert!(text.contains("float nz") && text.contains("\n2 0 0 0 -1 0 255 0 51\n"), "{text}");
+        assert!(text.contains("\n5 5 5 0 0 1 255 0 51\n"), "one without a triangle: {text}");
+    }
 
     #[track_caller]
     fn assert_error(bytes: impl AsRef<[u8]>, part: &str) {

@@ -107,7 +107,7 @@ impl Spread {
     ///
     /// # Errors
     /// None for a model's mesh.
-    pub fn files(&self, model: &Model<'_>) -> Result<Vec<(&'static str, Vec<u8>)>> {
+    pub fn files(&self, model: &Model<'_>) -> Result<Vec<(String, Vec<u8>)>> {
         let mesh = self.mesh();
         let ply = |mesh: &Mesh| -> Result<Vec<u8>> {
             let mut bytes = Vec::new();
@@ -115,11 +115,11 @@ impl Spread {
             Ok(bytes)
         };
         Ok(vec![
-            ("mean.ply", ply(&self.mean)?),
-            ("mean.glb", glb::encode(&self.mean, "posterior mean face")?),
-            ("uncertainty.ply", ply(&mesh)?),
-            ("uncertainty.glb", glb::encode(&mesh, "standard deviation of vertices")?),
-            ("uncertainty.png", self.picture(model)?.to_png()?),
+            ("mean.ply".into(), ply(&self.mean)?),
+            ("mean.glb".into(), glb::encode(&self.mean, "posterior mean face")?),
+            ("uncertainty.ply".into(), ply(&mesh)?),
+            ("uncertainty.glb".into(), glb::encode(&mesh, "standard deviation of vertices")?),
+            ("uncertainty.png".into(), self.picture(model)?.to_png()?),
         ])
     }
 }

@@ -14,7 +14,7 @@ pub use measures::{measures_report, measures_table};
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;
 use crate::fit::summary::{ModeFound, Proposal, Stage, Summary};
-use crate::photo::picture::Picture;
+use crate::photo::picture::{Picture, WHITE, montage};
 use onescan_core::scene::Scene;
 use onescan_core::search::LEVELS;
 use std::fmt::{self, Write};
@@ -207,6 +207,12 @@ impl<'a> Section<'a> {
                 "The model alone, in the pose and light it found.",
             )?,
         ];
+        figures.push(Figure::new(
+            &montage(&pictures.textured.each_ref(), 8, WHITE),
+            format!("The fitted face in the colours of {file}, as there and turned"),
+            "The mesh that was saved, as in the photo and turned: the photo's colours where it shows the \
+             face.",
+        )?);
         if let Some(masked) = &pictures.masked {
             figures.push(Figure::new(
                 &masked.behind,
@@ -602,6 +608,8 @@ mod tests {
     use super::*;
     use crate::fit::output::Pictures;
     use crate::mesh::Mesh;
+    use crate::mesh::skin::{Colors, Skin};
+    use std::sync::Arc;
 
     fn finished(file: &str) -> Finished {
         let mut summary = crate::fit::summary::tests::example();
@@ -613,19 +621,21 @@ mod tests {
             on_photo: picture(),
             alone: picture(),
             sides: vec![picture(), picture()],
+            textured: [picture(), picture()],
             whole: Picture::filled(2000, 1, [1; 3]),
             masked: None,
             landmarks: [picture(), picture()],
         };
         let mesh = Mesh { points: vec![], colors: vec![], triangles: vec![] };
-        Finished { summary, mesh, pictures, found: None }
+        let skin = Arc::new(Skin { colors: Colors::Vertices(vec![]), lit: true });
+        Finished { summary, mesh, skin, pictures, found: None }
     }
 
     #[test]
     fn a_page_asks_nobody_for_anything() {
         let page = fit_report(&finished("a.jpg"), "scan = \"face.ply\"\nshape_rank = 9").unwrap();
-        assert_eq!(page.matches("<img src=\"data:image/png;base64,").count(), 7);
-        assert_eq!(page.matches("src=").count(), 7);
+        assert_eq!(page.matches("<img src=\"data:image/png;base64,").count(), 8);
+        assert_eq!(page.matches("src=").count(), 8);
         for absent in ["http", "url(", "<script", "@import"] {
             assert!(!page.contains(absent), "{absent}");
         }
