@@ -77,8 +77,8 @@ impl Detector {
     #[cfg(feature = "full")]
     pub fn embedded() -> &'static Self {
         const DETECTOR: &[u8] =
-            include_bytes!("../../../fixtures/face_mesh/face_detection_short_range.tflite");
-        const MESH: &[u8] = include_bytes!("../../../fixtures/face_mesh/face_landmark.tflite");
+            include_bytes!("../../networks/face_detection_short_range.tflite");
+        const MESH: &[u8] = include_bytes!("../../networks/face_landmark.tflite");
         static EMBEDDED: LazyLock<Detector> =
             LazyLock::new(|| Detector::new(DETECTOR, MESH).expect("the networks are whole"));
         &EMBEDDED
