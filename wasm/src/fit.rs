@@ -17,6 +17,7 @@ use onescan_core::search::unknowns::MAX_PHOTOS;
 use onescan_core::search::{self, Evidence, LEVELS, Options};
 use self_cell::{MutBorrow, self_cell};
 use serde::Deserialize;
+use std::cell::OnceCell;
 use std::rc::Rc;
 use wasm_bindgen::prelude::*;
 
@@ -250,7 +251,11 @@ impl Fit {
             let problems = ready.borrow_dependent().problems.iter().copied();
             searching.end(jobs.iter().zip(problems), seconds)
         })?;
-        Ok(finished(&jobs, &fits, model, images)?)
+        let names = named(jobs.len(), model, images)?;
+        let summaries = jobs.iter().zip(&fits).enumerate();
+        let summaries = summaries.map(|(i, (job, fit))| output::summarize(job, fit, &names, i));
+        let summaries = summaries.collect::<Result<_>>()?;
+        Ok(Fitted { of: self, fits, names, summaries, files: OnceCell::new() })
     }
 }
 
@@ -272,48 +277,19 @@ fn missing() -> Error {
     Error::new("the fit has no photo of this number")
 }
 
-/// What fits leave behind; of several photos as the command lays it out.
-fn finished(
-    jobs: &[Job<'_>],
-    fits: &[fit::Fit],
-    model: String,
-    images: Vec<String>,
-) -> Result<Fitted> {
-    if images.len() != jobs.len() {
+/// What the photos' files are called: as the command lays them out.
+fn named(photos: usize, model: String, images: Vec<String>) -> Result<Names> {
+    if images.len() != photos {
         return Err(Error::new("finish() wants a name for each photo"));
     }
     let named = |image| PhotoNames { image, landmarks: None, mask: None };
     let photos = images.into_iter().map(named).collect();
     let mut names = Names { model, given: None, face: 1, photos };
-    let folders: Vec<_> = (0..jobs.len()).map(|photo| names.folder(photo)).collect();
-    for (photo, folder) in names.photos.iter_mut().zip(&folders) {
+    let folders: Vec<_> = (0..names.photos.len()).map(|photo| names.folder(photo)).collect();
+    for (photo, folder) in names.photos.iter_mut().zip(folders) {
         photo.landmarks = Some(format!("{folder}.tlms"));
     }
-    let mut files = Vec::new();
-    let mut add = |name: String, bytes| files.push(File { name, bytes });
-    let mut results = Vec::new();
-    let finished = output::finish(jobs, fits, &names, Kind::default())?;
-    for ((job, result), folder) in jobs.iter().zip(finished).zip(&folders) {
-        for (name, bytes) in output::files(&result)? {
-            let several = jobs.len() > 1;
-            add(if several { format!("{folder}/{name}") } else { name }, bytes);
-        }
-        add(format!("{folder}.tlms"), job.landmarks.to_text().into_bytes());
-        results.push(result);
-    }
-    let provenance = jobs.first().map_or("", |job| job.model.provenance());
-    let page = match &results[..] {
-        [result] => report::fit_report(result, provenance)?,
-        results => report::subject_report(results, &folders, provenance)?,
-    };
-    add("report.html".into(), page.into_bytes());
-    if results.len() > 1 {
-        for (name, bytes) in output::files_of_all(&results)? {
-            add(name, bytes);
-        }
-    }
-    let summaries = results.into_iter().map(|result| result.summary).collect();
-    Ok(Fitted { summaries, files })
+    Ok(names)
 }
 
 fn start(
@@ -383,8 +359,11 @@ fn look(model: &View<'_>, photo: Rc<Picture>, landmarks: &str, side: u32, sd: f3
 /// A finished fit.
 #[wasm_bindgen]
 pub struct Fitted {
+    of: Fit,
+    fits: Vec<fit::Fit>,
+    names: Names,
     pub(crate) summaries: Vec<Summary>,
-    files: Vec<File>,
+    files: OnceCell<Vec<File>>,
 }
 
 #[wasm_bindgen]
@@ -399,8 +378,43 @@ impl Fitted {
     }
 
     /// What the command would write, file by file; those of one photo among several are in a folder
-    /// named like it.
-    pub fn files(&self) -> Vec<File> {
-        self.files.clone()
+    /// named like it. Made when first asked for, which takes as long as the fit.
+    ///
+    /// # Errors
+    /// None of a fit that came to its end.
+    pub fn files(&self) -> Result<Vec<File>, JsError> {
+        if let Some(files) = self.files.get() {
+            return Ok(files.clone());
+        }
+        let files = self.make()?;
+        Ok(self.files.get_or_init(|| files).clone())
+    }
+}
+
+impl Fitted {
+    fn make(&self) -> Result<Vec<File>> {
+        let jobs = self.of.inputs().jobs();
+        let mut files = Vec::new();
+        let mut add = |name: String, bytes| files.push(File { name, bytes });
+        let results = output::finish(&jobs, &self.fits, &self.names, Kind::default())?;
+        let folders: Vec<_> = (0..jobs.len()).map(|photo| self.names.folder(photo)).collect();
+        for ((job, result), folder) in jobs.iter().zip(&results).zip(&folders) {
+            for (name, bytes) in output::files(result)? {
+                add(if jobs.len() > 1 { format!("{folder}/{name}") } else { name }, bytes);
+            }
+            add(format!("{folder}.tlms"), job.landmarks.to_text().into_bytes());
+        }
+        let provenance = jobs.first().map_or("", |job| job.model.provenance());
+        let page = match &results[..] {
+            [result] => report::fit_report(result, provenance)?,
+            results => report::subject_report(results, &folders, provenance)?,
+        };
+        add("report.html".into(), page.into_bytes());
+        if results.len() > 1 {
+            for (name, bytes) in output::files_of_all(&results)? {
+                add(name, bytes);
+            }
+        }
+        Ok(files)
     }
 }

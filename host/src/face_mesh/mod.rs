@@ -76,8 +76,7 @@ impl Detector {
     /// Never: that they are whole is tested.
     #[cfg(feature = "full")]
     pub fn embedded() -> &'static Self {
-        const DETECTOR: &[u8] =
-            include_bytes!("../../networks/face_detection_short_range.tflite");
+        const DETECTOR: &[u8] = include_bytes!("../../networks/face_detection_short_range.tflite");
         const MESH: &[u8] = include_bytes!("../../networks/face_landmark.tflite");
         static EMBEDDED: LazyLock<Detector> =
             LazyLock::new(|| Detector::new(DETECTOR, MESH).expect("the networks are whole"));
