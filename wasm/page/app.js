@@ -144,10 +144,12 @@ async function openModel(name, bytes) {
   const model = await client.open(bytes).catch((error) => {
     throw new Error(`${name}: ${error.message}`);
   });
-  const sameLandmarks = model.landmarks.join() === state.model?.landmarks.join();
+  const before = state.model;
+  const sameLandmarks = model.landmarks.join() === before?.landmarks.join();
   Object.assign(state, { model, modelName: name, fitted: undefined });
   guided = '';
-  if (!sameLandmarks) state.shots.forEach(startOver);
+  // A photo may have been opened while the first model was on its way.
+  if (before && !sameLandmarks) state.shots.forEach(startOver);
   const { vertices, shapeRank, albedoRank } = model;
   element('model-facts', HTMLElement).textContent =
     `${name}: ${vertices} vertices, ${shapeRank} shape and ${albedoRank} albedo components.`;
@@ -155,6 +157,9 @@ async function openModel(name, bytes) {
   element('numbers', HTMLElement).hidden = true;
   element('result', HTMLElement).hidden = false;
 }
+
+/** Resolves once the model that comes with the page is there, or its absence was said. @type {Promise<void>} */
+let loading = Promise.resolve();
 
 /** The model that comes with the page. */
 async function loadModel() {
@@ -271,10 +276,7 @@ async function openSample(file) {
     }),
   );
   await openPhoto(file, new Uint8Array(await photo.arrayBuffer()));
-  const lines = (await landmarks.text()).trim().split('\n').map((line) => line.split(/\s+/));
-  const seen = lines.filter(([, visible]) => Number(visible) > 0);
-  for (const [name, visible] of lines) if (Number(visible) <= 0) state.shot?.skipped.add(name);
-  setLandmarks(seen.map(([name, , x, y]) => ({ name, x: Number(x), y: Number(y) })));
+  openLandmarks(file, await landmarks.text());
   say('The landmarks of this sample were set by hand. Press Fit.');
 }
 
@@ -309,14 +311,29 @@ for (const name of ['dragover', 'dragleave', 'drop']) {
     stage.classList.toggle('over', name === 'dragover');
   });
 }
-document.addEventListener('drop', (event) =>
-  attempt(async () => {
-    const file = event.dataTransfer?.files[0];
-    if (!file) return;
-    if (!file.name.endsWith('.3dmm')) await openFile(file);
-    else await openModel(file.name, new Uint8Array(await file.arrayBuffer()));
-  }),
-);
+document.addEventListener('drop', (event) => attempt(() => take(event.dataTransfer?.files[0])));
+document.addEventListener('paste', (event) => attempt(() => take(event.clipboardData?.files[0])));
+
+/** A file dropped or pasted: a model, the landmarks of the photo that is shown, or a photo. @param {File} [file] */
+async function take(file) {
+  if (!file) return;
+  if (/\.3dmm(\.gz)?$/.test(file.name)) await openModel(file.name, new Uint8Array(await file.arrayBuffer()));
+  else if (file.name.endsWith('.tlms')) openLandmarks(file.name, await file.text());
+  else await openFile(file);
+}
+
+/** The landmarks of the photo that is shown, as a file has them. @param {string} name @param {string} text */
+function openLandmarks(name, text) {
+  const { shot } = state;
+  if (!shot) throw new Error(`${name}: open the photo first`);
+  const lines = text.trim().split('\n').map((line) => line.trim().split(/\s+/));
+  if (!lines.every(([, ...numbers]) => numbers.length === 3 && numbers.every((text) => Number.isFinite(Number(text))))) {
+    throw new Error(`${name}: expected lines of “name visible x y”`);
+  }
+  const seen = lines.filter(([, visible]) => Number(visible) > 0);
+  for (const [mark, visible] of lines) if (Number(visible) <= 0) shot.skipped.add(mark);
+  setLandmarks(seen.map(([mark, , x, y]) => ({ name: mark, x: Number(x), y: Number(y) })));
+}
 
 // ---- landmarks
 
@@ -336,6 +353,8 @@ function startOver(shot) {
 }
 
 async function findLandmarks() {
+  if (!state.model) say('Waiting for the face model.');
+  await loading;
   if (!isFace(state.model?.landmarks ?? [])) {
     say('Set the landmarks: click where each is in the photo.');
     return;
@@ -456,7 +475,11 @@ on('fit', async () => {
   // They hide what was found.
   input('show-points').checked = false;
   element('numbers', HTMLElement).hidden = false;
-  showFace(await client.fitted());
+  const fitted = await client.fitted();
+  // The albedo alone is nobody's skin to the eye: light makes it one.
+  element('light', HTMLSelectElement).value = 'photo';
+  await client.light('photo', position());
+  showFace(fitted);
   say('Done. Fade the model over the photo to compare; the face is below, to turn and to change.');
 });
 on('pause', async () => {
@@ -543,4 +566,4 @@ for (const link of document.querySelectorAll('[data-save]')) {
 }
 
 refresh();
-attempt(loadModel);
+loading = attempt(loadModel);

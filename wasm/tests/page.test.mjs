@@ -102,6 +102,7 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   assert.equal(await page.locator('#speed').innerText(), paused);
   await page.click('#pause');
   await said(page, 'Done', 120_000);
+  assert.equal(await page.locator('#light').inputValue(), 'photo');
   const seconds = (performance.now() - start) / 1000;
   const longest = longestTask(JSON.parse(await site.browser.stopTracing()).traceEvents);
 
@@ -198,6 +199,35 @@ test('Chromium computes the golden stages and fits', { timeout: 300_000 }, async
   await close();
 });
 
+test('a photo is pasted, and landmarks are dropped on it', { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit(DESKTOP);
+  await ready(page);
+  const give = (type, name, bytes) =>
+    page.evaluate(
+      ([event, file, encoded]) => {
+        const data = new DataTransfer();
+        data.items.add(new File([Uint8Array.from(atob(encoded), (c) => c.charCodeAt(0))], file));
+        const init = { bubbles: true, cancelable: true };
+        document.body.dispatchEvent(
+          event === 'paste'
+            ? new ClipboardEvent(event, { ...init, clipboardData: data })
+            : new DragEvent(event, { ...init, dataTransfer: data }),
+        );
+      },
+      [type, name, bytes.toString('base64')],
+    );
+  await give('drop', 'early.tlms', Buffer.from('a 1 2 3'));
+  await said(page, 'early.tlms: open the photo first');
+  await give('paste', 'pasted.png', readFileSync(join(PHOTOS, 'astronaut.png')));
+  await said(page, 'Found them');
+  await give('drop', 'own.tlms', readFileSync(join(PHOTOS, 'astronaut.tlms')));
+  await page.waitForFunction((count) => document.querySelectorAll('#handles g').length === count, landmarks('astronaut').length);
+  await give('drop', 'bad.tlms', Buffer.from('center.nose.tip 1 2'));
+  await said(page, 'bad.tlms: expected lines');
+  assert.deepEqual(faults, []);
+  await close();
+});
+
 test('the page is seen before the model is there', async () => {
   let release;
   const held = new Promise((resolve) => (release = resolve));
@@ -212,8 +242,13 @@ test('the page is seen before the model is there', async () => {
   await page.waitForFunction(() => performance.getEntriesByName('first-contentful-paint').length > 0);
   assert.equal(await paint(), 1);
   assert.equal(await page.locator('#result').isVisible(), false);
+  // A photo that is there first waits for it, and keeps its landmarks.
+  await page.setInputFiles('#file', join(PHOTOS, 'astronaut.png'));
+  await said(page, 'Waiting for the face model');
   release();
   await ready(page);
+  await said(page, 'Found them');
+  assert.equal(await page.locator('#handles g').count(), 16);
   await close();
 });
 
