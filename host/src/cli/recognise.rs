@@ -122,7 +122,6 @@ impl Recognise {
             Source::Fit(path) => (Some(Fits::read(path)?), None),
             Source::Photo(photo, landmarks) => {
                 let directory = self.output.join("fits").join(folder);
-                output_directory(&directory)?;
                 let path = directory.join(format!("{}.json", entry.name));
                 let shown = (photo.as_path(), landmarks.as_deref());
                 (Fits::make_or_read(mixture, shown, &path, stop)?, Some(photo.clone()))

@@ -11,7 +11,7 @@
 use super::scores::Face;
 use crate::error::{Error, Result};
 use crate::face_mesh::Marked;
-use crate::files::{has_extension, read_text, write_atomically};
+use crate::files::{folder, has_extension, read_text, write_atomically};
 use crate::fit::landmarks::{check_sides, crop_around};
 use crate::fit::output::{Names, PhotoNames, summarize};
 use crate::fit::summary::{Summaries, Summary, hex};
@@ -224,6 +224,8 @@ impl Fits {
         }
         let made = Self::make(mixture, (photo, landmarks), stop)?;
         if let Some(made) = &made {
+            let folder = folder(path);
+            std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
             made.write(path)?;
         }
         Ok(made)
