@@ -93,7 +93,7 @@ const FIT: &str =
 fn a_killed_fit_goes_on_from_its_last_checkpoint() {
     let whole = tempdir().unwrap();
     // Long enough to be kept once on a fast machine.
-    let line = format!("{FIT} --schedule paper --landmark-samples 3000 --samples 12000 --chains 2");
+    let line = format!("{FIT} --schedule paper --landmark-samples 3000 --samples 60000 --chains 2");
     Onescan::new(whole.path(), &line).succeed();
     let whole = json(&whole.path().join("fit/fit.json"));
     let place = tempdir().unwrap();
