@@ -10,7 +10,7 @@ const NETWORKS = ['face_detection_short_range', 'face_landmark'];
 
 /** Loads the program and its networks from beside this file. */
 export async function load() {
-  const program = beside(new URL('./wasm/onescan_faces_bg.wasm', import.meta.url));
+  const program = await beside(new URL('./wasm/onescan_faces_bg.wasm', import.meta.url));
   const urls = NETWORKS.map((name) => new URL(`./face_mesh/${name}.tflite`, import.meta.url));
   const [[detector, mesh]] = await Promise.all([Promise.all(urls.map(bytes)), init({ module_or_path: program })]);
   return new Detector(new Networks(detector, mesh));

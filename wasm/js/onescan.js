@@ -25,7 +25,7 @@ export { Model, Photo, Viewer };
  * @param {BufferSource | WebAssembly.Module | URL} [source] Where onescan_wasm_bg.wasm is; beside this file by default.
  */
 export async function create(source) {
-  await init({ module_or_path: source ?? beside(new URL('./wasm/onescan_wasm_bg.wasm', import.meta.url)) });
+  await init({ module_or_path: source ?? (await beside(new URL('./wasm/onescan_wasm_bg.wasm', import.meta.url))) });
   return new Onescan();
 }
 
