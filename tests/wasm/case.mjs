@@ -32,7 +32,7 @@ function put(bytes) {
 function layout(name) {
   const plain = header.replace(/\/\*[^]*?\*\//g, "");
   const [, body] = new RegExp(`typedef struct \\{([^{}]*)\\} ${name};`).exec(plain);
-  const sizes = { uint64_t: 8, double: 8, uint32_t: 4, float: 4, bool: 1 };
+  const sizes = { uint64_t: 8, double: 8, uint32_t: 4, float: 4, uint8_t: 1, bool: 1 };
   const of = {};
   let size = 0;
   for (const [, type, field] of body.matchAll(/(\w+) (\w+);/g)) {
