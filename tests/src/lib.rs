@@ -2,5 +2,6 @@
 
 pub mod coarse;
 pub mod full;
+pub mod photos;
 pub mod program;
 pub mod truth;

@@ -8,17 +8,15 @@
 use onescan::demo::{template, template_model};
 use onescan::experiment::faces::{Identity, identities};
 use onescan::experiment::recognition::{self, Rough};
-use onescan::fit::{Control, Job, Schedule, find_mode};
-use onescan::photo::tlms::Tlms;
-use onescan::photo::{self, Crop};
 use onescan::recognition::scores::{Face, Score};
 use onescan::recognition::statistics::{Trial, first, means, sensitivity};
 use onescan::render;
 use onescan_core::model::Model;
+use onescan_tests::photos;
 use onescan_tests::truth::{distances_after_alignment, rms};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 const YAWS: [u32; 4] = [0, 15, 30, 45];
 /// Several photos of one person: by their number, the yaws.
@@ -169,38 +167,8 @@ fn fit(sets: &[(usize, Vec<u32>, Vec<&Path>)], people: &[Identity]) -> Vec<Fitte
 
 /// Shape and albedo as `onescan fit` finds them.
 fn parameters(model: &Model<'_>, paths: &[&Path]) -> (Vec<f32>, Vec<f32>) {
-    let photos: Vec<_> = paths
-        .iter()
-        .map(|path| {
-            let picture = photo::read(path).unwrap();
-            let size = [picture.width, picture.height];
-            (picture, Tlms::read(&path.with_extension("tlms"), size).unwrap())
-        })
-        .collect();
-    let schedule = Schedule::Mode;
-    let jobs: Vec<_> = photos
-        .iter()
-        .map(|(picture, landmarks)| Job {
-            model,
-            photo: picture,
-            landmarks,
-            crop: Crop::around(
-                &landmarks.visible_points(),
-                [picture.width, picture.height],
-                Crop::ENLARGE,
-                256,
-            )
-            .unwrap(),
-            mask: None,
-            schedule,
-            config: schedule.config(model, Crop::LONGER_SIDE),
-            seed: 0,
-            chains: 1,
-        })
-        .collect();
-    let (stop, steps) = (AtomicBool::new(false), AtomicU64::new(0));
-    let control = Control { stop: &stop, steps: &steps };
-    let fits = find_mode(&jobs, &control).unwrap().expect("nobody stopped the fit");
+    let photos: Vec<_> = paths.iter().map(|path| photos::read(path)).collect();
+    let fits = photos::fit(model, &photos);
     let subject = &fits[0].best.scene.subject;
     (subject.shape.to_vec(), subject.albedo.to_vec())
 }

@@ -2,16 +2,15 @@
 //! photo shows there.
 
 use onescan::demo::template_model;
-use onescan::fit::{Control, Fit, Job, Schedule, find_mode};
+use onescan::fit::Fit;
+use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
-use onescan::photo::tlms::Tlms;
-use onescan::photo::{self, Crop};
 use onescan::texture::{Kind, Shot, bake, show};
 use onescan::{mesh::skin::Skin, render};
 use onescan_core::model::Model;
 use onescan_core::scene::{Scene, View};
+use onescan_tests::photos;
 use onescan_tests::program::fixtures;
-use std::sync::atomic::{AtomicBool, AtomicU64};
 
 /// Photos of one person with fits to them.
 struct Fitted {
@@ -21,39 +20,11 @@ struct Fitted {
 
 impl Fitted {
     fn new(model: &Model<'_>, paths: &[&str]) -> Self {
-        let read = |path: &&str| {
-            let path = fixtures().join(path);
-            let photo = photo::read(&path).unwrap();
-            let size = [photo.width, photo.height];
-            (photo, Tlms::read(&path.with_extension("tlms"), size).unwrap())
-        };
-        let photos: Vec<_> = paths.iter().map(read).collect();
-        let jobs: Vec<_> = photos
-            .iter()
-            .map(|(picture, landmarks)| Job {
-                model,
-                photo: picture,
-                landmarks,
-                crop: Crop::around(
-                    &landmarks.visible_points(),
-                    [picture.width, picture.height],
-                    Crop::ENLARGE,
-                    Crop::LONGER_SIDE,
-                )
-                .unwrap(),
-                mask: None,
-                schedule: Schedule::Mode,
-                config: Schedule::Mode.config(model, Crop::LONGER_SIDE),
-                seed: 0,
-                chains: 1,
-            })
-            .collect();
-        let (stop, steps) = (AtomicBool::new(false), AtomicU64::new(0));
-        let control = Control { stop: &stop, steps: &steps };
-        let fits = find_mode(&jobs, &control).unwrap().expect("nobody stopped the fit");
-        let crops: Vec<_> = jobs.iter().map(|job| job.crop).collect();
+        let photos: Vec<_> =
+            paths.iter().map(|path| photos::read(&fixtures().join(path))).collect();
+        let fits = photos::fit(model, &photos);
         let pictures = photos.into_iter().map(|(picture, _)| picture);
-        Self { photos: pictures.zip(crops).collect(), fits }
+        Self { photos: pictures.zip(fits.iter().map(|fit| fit.crop)).collect(), fits }
     }
 
     fn scene(&self, number: usize) -> &Scene {

@@ -23,8 +23,8 @@ pub struct Widths {
     /// Standard deviation of a shape coefficient; the model's is 1.
     pub shape: f32,
     /// Standard deviations of the albedo's coefficients that are complexion (their components are the same
-    /// all over, [`Basis::evenness`]), and of the others; the model's is 1. Gaussian processes allow for more spots than people have, and shadow and gloss would
-    /// become skin.
+    /// all over, [`Basis::evenness`]), and of the others; the model's is 1. Gaussian processes allow for
+    /// more spots than people have, and shadow and gloss would become skin.
     pub albedo: [f32; 2],
     /// Of the logarithm of the focal length about the default camera's.
     pub focal: f32,
