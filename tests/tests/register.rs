@@ -43,6 +43,11 @@ fn a_turned_scan_is_registered_where_it_lies() {
         assert!(at("one").join(name).exists(), "{name}");
     }
 
+    assert!(numbers["doubt"].is_null(), "{numbers}");
+    run("register face.3dmm @fish/template.ply -o fish");
+    let doubt = json(&at("fish/register.json"))["doubt"].to_string();
+    assert!(doubt.contains("the model holds what was found for improbable"), "{doubt}");
+
     // A scan that is none does not keep the others from being registered.
     fs::write(at("scans/broken.ply"), "ply\nno").unwrap();
     let batch = Onescan::new(place.path(), "register face.3dmm scans -o many --batch").run();

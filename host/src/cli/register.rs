@@ -202,6 +202,9 @@ impl Register {
             command: self.command(path, marks.map(|file| &**file)),
         };
         registration::write(directory, &found, &known, &names)?;
+        if let Some(doubt) = found.doubt() {
+            console.say(Error::file(path, doubt));
+        }
         let measures = &found.measures;
         let line = format!(
             "{}: chamfer {:.2} mm, Hausdorff {:.1} mm ({:.1} mm at 95 %)",
@@ -216,6 +219,7 @@ impl Register {
             "chamfer_mm": measures.chamfer(),
             "hausdorff_mm": measures.hausdorff(),
             "hausdorff_95_mm": measures.hausdorff_95(),
+            "doubt": found.doubt(),
         });
         Ok((line, value))
     }

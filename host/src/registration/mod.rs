@@ -41,6 +41,26 @@ pub struct Registered {
     pub measures: Measures,
 }
 
+impl Registered {
+    /// Why the scan is probably of something else than the model is, or in another unit: the instance
+    /// that was found is one the model holds for very improbable. Of scans of faces, coefficients have a
+    /// root mean square of .6 at most, and sizes are within 8 %; a fish has 1.2 and .72.
+    pub fn doubt(&self) -> Option<String> {
+        let rank = self.shape.len().max(1) as f64;
+        let squares = self.shape.iter().map(|a| f64::from(*a).powi(2)).sum::<f64>();
+        let typical = (squares / rank).sqrt();
+        let size = f64::from(self.size);
+        // Of a standard normal vector: one in some forty is above. The search's prior of the size is ±4 %.
+        let doubtful = typical > 1.0 + 2.0 / (2.0 * rank).sqrt() || size.ln().abs() > 0.2;
+        doubtful.then(|| {
+            format!(
+                "the model holds what was found for improbable (coefficients of {typical:.1} standard \
+                 deviations, {size:.2} times its size); is the scan of such a thing, and of such a size?"
+            )
+        })
+    }
+}
+
 /// Registers a model to a scan in millimetres, with some vertices of the model whose places on the
 /// scan are known. `watch` hears of every iteration; `uncertainty` also finds how far vertices are known.
 ///

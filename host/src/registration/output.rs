@@ -121,6 +121,7 @@ fn to_json(result: &Registered, landmarks: &[(String, [f32; 3], u32)], names: &N
             Distances::of(deviations.iter().copied().map(f64::from).collect())
         }),
         "size": result.size,
+        "doubt": result.doubt(),
         "shape": result.shape,
     })
 }
@@ -157,7 +158,13 @@ fn page(result: &Registered, value: &Value, names: &Names) -> Result<String> {
     let mut meshes = vec![(&result.scan, false), (&result.mesh, false), (&distances, true)];
     meshes.extend(uncertainty.iter().map(|mesh| (mesh, true)));
     let shown = sides(result, &meshes)?;
-    let mut body = String::from("<section>\n<div class=\"pictures\">\n");
+    let mut body = String::from("<section>\n");
+    if let Some(doubt) = result.doubt() {
+        body += "<p><b>Doubtful:</b> ";
+        body += &report::escaped(&doubt);
+        body += "</p>\n";
+    }
+    body += "<div class=\"pictures\">\n";
     let captions = [
         ("The scan from three sides", "The scan."),
         (
