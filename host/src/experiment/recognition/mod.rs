@@ -21,6 +21,7 @@ use crate::photo::picture::Picture;
 use crate::photo::tlms::Tlms;
 use crate::recognition::fits;
 use crate::recognition::scores::Face;
+use flate2::Crc;
 use models::Named;
 use people::Crowd;
 use rayon::prelude::*;
@@ -120,12 +121,22 @@ impl Plan {
     }
 
     /// What a job's result depends on, to know one of other settings.
-    fn about(&self, job: &Job) -> String {
+    fn about(&self, job: &Job) -> Result<String> {
         let pictures = match job.set {
             Set::Clean => format!("{} people of seed {}", self.people, self.seed),
-            Set::Rough => "pictures of a directory".into(),
+            Set::Rough => {
+                let sources = self.sources(job.set, job.yaw)?;
+                let mut sum = Crc::new();
+                for path in sources.iter().filter_map(|(_, path)| path.as_ref()) {
+                    for path in [path, &path.with_extension("tlms")] {
+                        sum.update(&files::read(path).map_err(|e| Error::file(path, e))?);
+                    }
+                }
+                format!("{} pictures of checksum {:08x}", sources.len(), sum.sum())
+            }
         };
-        format!("onescan {}: {job}, rank {}, {pictures}", env!("CARGO_PKG_VERSION"), self.rank)
+        let version = env!("CARGO_PKG_VERSION");
+        Ok(format!("onescan {version}: {job}, rank {}, {pictures}", self.rank))
     }
 
     /// The result of a job; `None` if it has not been done.
@@ -141,13 +152,13 @@ impl Plan {
         let damaged =
             |e| Error::file(&path, format_args!("{e}; remove it, and the job is done again"));
         let fitted: Fitted = postcard::from_bytes(&bytes).map_err(damaged)?;
-        if fitted.about != self.about(job) {
+        let about = self.about(job)?;
+        if fitted.about != about {
             return Err(Error::file(
                 &path,
                 format_args!(
-                    "is of {}, not of {}; give another -o, or remove it",
-                    fitted.about,
-                    self.about(job)
+                    "is of {}, not of {about}; give another -o, or remove it",
+                    fitted.about
                 ),
             ));
         }
@@ -209,7 +220,7 @@ impl Plan {
         let faces = sources.par_iter().map(fit).collect::<Result<Option<Vec<_>>>>()?;
         let Some(faces) = faces else { return Ok(false) };
         let bytes =
-            postcard::to_stdvec(&Fitted { about: self.about(job), faces }).map_err(Error::new)?;
+            postcard::to_stdvec(&Fitted { about: self.about(job)?, faces }).map_err(Error::new)?;
         write_atomically(&path, |out| out.write_all(&bytes))?;
         Ok(true)
     }
@@ -272,4 +283,37 @@ fn read(path: &Path) -> Result<(Picture, Tlms)> {
     let photo = photo::read(path)?;
     let landmarks = Tlms::read(&path.with_extension("tlms"), [photo.width, photo.height])?;
     Ok((photo, landmarks))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_is_of_its_pictures() {
+        let place = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| std::fs::write(place.path().join(name), text).unwrap();
+        for name in ["07_30.jpg", "07_30.tlms", "07_45.jpg", "07_45.tlms"] {
+            write(name, name);
+        }
+        let plan = Plan {
+            output: place.path().into(),
+            fixtures: place.path().into(),
+            pictures: Some(place.path().into()),
+            models: Named::all(),
+            rank: 2,
+            people: 0,
+            seed: 7,
+        };
+        let job = Job { set: Set::Rough, model: Named::all().remove(0), yaw: 30 };
+        let about = || plan.about(&job).unwrap();
+        let first = about();
+        assert!(first.contains("1 pictures of checksum"), "{first}");
+        write("07_45.jpg", "another angle");
+        assert_eq!(about(), first);
+        write("07_30.tlms", "other landmarks");
+        assert_ne!(about(), first);
+        std::fs::remove_file(place.path().join("07_30.tlms")).unwrap();
+        assert!(plan.about(&job).unwrap_err().to_string().contains("07_30.tlms"));
+    }
 }
