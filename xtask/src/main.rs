@@ -10,6 +10,7 @@ mod fuzz;
 mod golden;
 mod hdf5;
 mod no_std;
+mod notices;
 mod package;
 mod page;
 #[cfg(test)]
