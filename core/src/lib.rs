@@ -62,3 +62,4 @@ pub mod render;
 pub mod rng;
 pub mod scene;
 pub mod search;
+mod vector;

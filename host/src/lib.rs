@@ -60,3 +60,4 @@ pub mod scan;
 #[cfg(feature = "full")]
 pub mod simd;
 pub mod texture;
+mod vector;

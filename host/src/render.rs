@@ -5,6 +5,7 @@ use crate::mesh::Mesh;
 #[cfg(feature = "full")]
 use crate::model::layout;
 use crate::photo::picture::Picture;
+use crate::vector::turned;
 use onescan_core::basis::{Basis, padded};
 use onescan_core::draw;
 use onescan_core::engine::Engine;
@@ -147,8 +148,7 @@ pub fn centered(centre: [f32; 3], half: f32, size: [u32; 2], [yaw, pitch]: [f32;
     let mut scene = Scene::initial(size[0], size[1], 0, 0);
     scene.view.pose = Pose { yaw, pitch, ..Pose::AWAY_1M };
     // Ten half-sizes away, the reference engine's 7.5 mm lens sees 1.33 half-sizes each way.
-    let turned =
-        scene.view.pose.rotation().map(|r| r[0] * centre[0] + r[1] * centre[1] + r[2] * centre[2]);
+    let turned = turned(&scene.view.pose.rotation(), centre);
     scene.view.pose.translation = [-turned[0], -turned[1], -turned[2] - 10.0 * half];
     scene.view.camera = Camera { focal_length: 8.8, near: half, ..scene.view.camera };
     scene

@@ -6,6 +6,9 @@
 
 /** @typedef {import('./worker.js').Methods} Methods */
 /** @typedef {{ [K in keyof Methods]: (...args: Parameters<Methods[K]>) => Promise<Awaited<ReturnType<Methods[K]>>> }} Remote */
+/** @typedef {CustomEvent<import('./worker.js').LiveProgress>} ProgressEvent How a fit goes. */
+/** @typedef {{ addEventListener(type: 'progress', listener: (event: ProgressEvent) => void, options?: AddEventListenerOptions): void, close(): void }} Own `close` ends the worker. */
+/** @typedef {Own & Remote & EventTarget} Client */
 
 const METHODS = /** @type {const} */ ([
   'open', 'photo', 'addPhoto', 'removePhoto', 'faces', 'watch', 'fit', 'pause', 'resume', 'cancel', 'fitFiles', 'draw', 'drawMean', 'png', 'locate', 'set',
@@ -13,24 +16,16 @@ const METHODS = /** @type {const} */ ([
 ]);
 
 /**
- * Starts a worker. Of its events, `progress` tells how a fit goes (see `LiveProgress` in
- * worker.js).
- *
- * The worker is born of a line of script instead of its file, because such a one inherits the
- * page's Content-Security-Policy: what the page may not load, the worker may not either.
- * @param {URL} [url] Of worker.js.
- * @returns {EventTarget & Remote}
+ * Talks to a worker that runs worker.js. Once that has stopped, every call is rejected.
+ * @param {Worker} [worker] By default a new one, which may load what the page may.
+ * @returns {Client}
  */
-export function connect(url = new URL('./worker.js', import.meta.url)) {
-  const line = new Blob([`import ${JSON.stringify(url.href)};`], { type: 'text/javascript' });
-  const birth = URL.createObjectURL(line);
-  const worker = new Worker(birth, { type: 'module' });
+export function connect(worker = heir()) {
   const target = new EventTarget();
   /** @type {Map<number, { resolve: (value: any) => void, reject: (error: Error) => void }>} */
   const calls = new Map();
   let last = 0;
   worker.addEventListener('message', ({ data }) => {
-    URL.revokeObjectURL(birth);
     if (data.progress) {
       target.dispatchEvent(new CustomEvent('progress', { detail: data.progress }));
       return;
@@ -40,20 +35,46 @@ export function connect(url = new URL('./worker.js', import.meta.url)) {
     if ('error' in data) call?.reject(new Error(data.error));
     else call?.resolve(data.value);
   });
+  /** @type {Error | undefined} */
+  let stopped;
+  /** @param {string} why */
+  const stop = (why) => {
+    stopped ??= new Error(`the worker stopped: ${why}`);
+    worker.terminate();
+    for (const call of calls.values()) call.reject(stopped);
+    calls.clear();
+  };
   worker.addEventListener('error', (event) => {
     event.preventDefault();
-    const error = new Error(`the worker stopped: ${event.message || 'it could not be loaded'}`);
-    for (const call of calls.values()) call.reject(error);
-    calls.clear();
+    stop(event.message || 'it could not be loaded');
   });
+  worker.addEventListener('messageerror', () => stop('its answer could not be read'));
   const remote = METHODS.map((method) => [
     method,
     (/** @type {unknown[]} */ ...args) =>
       new Promise((resolve, reject) => {
+        if (stopped) throw stopped;
         const id = (last += 1);
-        calls.set(id, { resolve, reject });
         worker.postMessage({ id, method, args });
+        calls.set(id, { resolve, reject });
       }),
   ]);
-  return Object.assign(target, /** @type {Remote} */ (Object.fromEntries(remote)));
+  const own = Object.assign(Object.fromEntries(remote), { close: () => stop('it was closed') });
+  return Object.assign(target, /** @type {Own & Remote} */ (own));
+}
+
+/**
+ * A worker born of a line of script instead of its file, because such a one inherits the page's
+ * Content-Security-Policy: what the page may not load, the worker may not either. Bundlers do not
+ * find worker.js here, nor should they: see worker-client.js.
+ */
+function heir() {
+  const here = import.meta.url;
+  const line = `import ${JSON.stringify(new URL('./worker.js', here).href)};`;
+  const birth = URL.createObjectURL(new Blob([line], { type: 'text/javascript' }));
+  const worker = new Worker(birth, { type: 'module' });
+  for (const event of ['message', 'error']) {
+    worker.addEventListener(event, () => URL.revokeObjectURL(birth), { once: true });
+  }
+  return worker;
 }

@@ -8,7 +8,8 @@ export async function beside(url) {
 /** What a file holds. @param {URL} url */
 export async function bytes(url) {
   if (url.protocol === 'file:') {
-    const { readFile } = await import('node:fs/promises');
+    // Not by `import`: bundlers would look for it, and find none for browsers.
+    const { readFile } = process.getBuiltinModule('node:fs/promises');
     return new Uint8Array(await readFile(url));
   }
   const response = await fetch(url);

@@ -4,6 +4,8 @@
  * In a page, a fit belongs into a worker: see `connect()` in client.js, which has the same names.
  */
 
+/// <reference lib="esnext.disposable" preserve="true" />
+
 import { beside } from './files.js';
 import init, { Fit as Search, Model, Photo, Viewer } from './wasm/onescan_wasm.js';
 
@@ -96,7 +98,7 @@ function tlms(landmarks) {
   return [landmarks].flat().map(line).join('');
 }
 
-/** A fit. Its photos count from 0. Fires `progress` (with a {@link Progress} as `detail`) after every call of `step()`. */
+/** A fit. Its photos count from 0. Fires `progress` after every call of `step()`. */
 export class Fit extends EventTarget {
   #search;
   #seconds = 0;
@@ -108,6 +110,25 @@ export class Fit extends EventTarget {
     super();
     this.#search = search;
     this.photos = photos;
+  }
+
+  /**
+   * @overload
+   * @param {'progress'} type
+   * @param {(event: CustomEvent<Progress>) => void} listener
+   * @param {AddEventListenerOptions} [options]
+   * @returns {void}
+   */
+  /**
+   * @overload
+   * @param {string} type
+   * @param {EventListenerOrEventListenerObject | null} listener
+   * @param {boolean | AddEventListenerOptions} [options]
+   * @returns {void}
+   */
+  /** @param {string} type @param {any} listener @param {boolean | AddEventListenerOptions} [options] */
+  addEventListener(type, listener, options) {
+    super.addEventListener(type, listener, options);
   }
 
   /**

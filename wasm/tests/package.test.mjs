@@ -1,12 +1,17 @@
 /** The npm package in Node: the README's example, the golden case, and the native fingerprint. */
 
 import assert from 'node:assert/strict';
-import { copyFileSync, mkdirSync, readFileSync, symlinkSync, writeFileSync, existsSync, readdirSync, rmSync } from 'node:fs';
+import { execFileSync } from 'node:child_process';
+import { copyFileSync, mkdirSync, readFileSync, renameSync, symlinkSync, writeFileSync, existsSync, readdirSync, rmSync } from 'node:fs';
+import { createServer } from 'node:http';
 import { join } from 'node:path';
 import test from 'node:test';
+import { fileURLToPath } from 'node:url';
 import { brotliCompressSync } from 'node:zlib';
 import { validateBytes } from 'gltf-validator';
-import { DIST, OUT, PAIR, PHOTOS, goldenSearch, marks, model, native, nativePair, run } from './common.mjs';
+import sirv from 'sirv';
+import { build } from 'vite';
+import { DIST, OUT, PAIR, PHOTOS, goldenSearch, marks, model, native, nativePair, open, run } from './common.mjs';
 import { create } from '../dist/js/onescan.js';
 
 const bytes = model();
@@ -23,7 +28,6 @@ test('the example of the README runs', { timeout: 120_000 }, async () => {
   writeFileSync(join(place, 'example.mjs'), code);
   copyFileSync(modelFile, join(place, 'face.3dmm'));
   copyFileSync(join(PHOTOS, 'astronaut.png'), join(place, 'photo.png'));
-  const { execFileSync } = await import('node:child_process');
   const printed = execFileSync('node', ['example.mjs'], { cwd: place, encoding: 'utf8' });
   const { fingerprint, command } = JSON.parse(readFileSync(join(place, 'fit.json'), 'utf8'));
   assert.equal(printed.trim().split('\n').at(-1), fingerprint);
@@ -32,6 +36,127 @@ test('the example of the README runs', { timeout: 120_000 }, async () => {
   for (const name of ['mesh.glb', 'mesh.ply', 'overlay.png', 'behind.png', 'mask.png', 'report.html', 'fit.rps', 'photo.tlms']) {
     assert.ok(existsSync(join(place, name)), name);
   }
+});
+
+/** An empty project that has installed the package as npm packs it. */
+function project(name) {
+  const place = join(OUT, name);
+  const modules = join(place, 'node_modules');
+  rmSync(place, { recursive: true, force: true });
+  mkdirSync(modules, { recursive: true });
+  const [{ filename }] = JSON.parse(execFileSync('npm', ['pack', DIST, '--json'], { cwd: place, encoding: 'utf8' }));
+  execFileSync('tar', ['-xzf', join(place, filename), '-C', modules]);
+  renameSync(join(modules, 'package'), join(modules, 'onescan'));
+  return place;
+}
+
+test('the types hold in a strict project, and licences are packed', { timeout: 120_000 }, () => {
+  const place = project('strict');
+  writeFileSync(join(place, 'package.json'), '{ "type": "module" }');
+  writeFileSync(join(place, 'example.ts'), `
+    import { create, type Face, type Fit, type Fitted, type Landmarks, type Progress, type TracePoint } from 'onescan';
+    import { connect } from 'onescan/worker';
+
+    export async function here(model: Uint8Array, photo: Uint8Array): Promise<TracePoint[]> {
+      const onescan = await create();
+      const job = { model: onescan.model(model), photo: onescan.photo(photo) };
+      const [face]: Face[] = (await onescan.detector()).faces(job.photo);
+      const landmarks: Landmarks = face?.landmarks ?? [{ name: 'center.nose.tip', x: 1, y: 2, visible: false }];
+      const fit: Fit = onescan.fit({ ...job, landmarks, size: 128 });
+      fit.addEventListener('progress', ({ detail }) => {
+        const { done, total }: Progress = detail;
+        console.log(done / total);
+      }, { once: true });
+      await fit.run();
+      const pixels: Uint8Array = fit.overlay({ behind: true }).rgba();
+      const fitted: Fitted = fit.finish({ model: 'a.3dmm', photo: 'a.png' });
+      console.log(pixels.length, fitted.files().map(({ name, bytes }) => name + bytes.length));
+      // @ts-expect-error There is no such setting.
+      onescan.fit({ ...job, landmarks, sizes: 128 });
+      return fit.trace;
+    }
+
+    export async function there(model: Uint8Array, photo: Uint8Array): Promise<Float32Array | undefined> {
+      const client = connect();
+      client.addEventListener('progress', ({ detail }) => console.log(detail.trace.at(-1)?.energy, detail.pictures?.mask.width));
+      client.addEventListener('other', (event) => console.log(event.type));
+      const { landmarks: known }: { landmarks: string[] } = await client.open(model);
+      await client.photo(photo);
+      const [face] = await client.faces(0);
+      const fitted = await client.fit({ landmarks: face?.landmarks ?? [], names: { model: 'a', photo: known.join() } });
+      // @ts-expect-error A photo is counted by a number.
+      await client.watch('1');
+      client.close();
+      return fitted && 'shape' in fitted ? fitted.shape : undefined;
+    }
+  `);
+  const compiler = fileURLToPath(new URL('../node_modules/.bin/tsc', import.meta.url));
+  const strict = ['--strict', '--noEmit', '--exactOptionalPropertyTypes', '--noUncheckedIndexedAccess', '--target', 'es2022', '--lib', 'es2022,dom'];
+  for (const [module, resolution] of [['es2022', 'bundler'], ['nodenext', 'nodenext']]) {
+    const how = ['--module', module, '--moduleResolution', resolution, 'example.ts'];
+    execFileSync(compiler, [...strict, ...how], { cwd: place, stdio: ['ignore', 'inherit', 'inherit'] });
+  }
+  const packed = (name) => readFileSync(join(place, 'node_modules/onescan', name), 'utf8');
+  assert.match(packed('LICENSE-MIT'), /MIT/);
+  assert.match(packed('js/face_mesh/LICENSE'), /Apache License/);
+  const notices = packed('LICENSES.txt');
+  for (const words of [/MediaPipe/, /^nalgebra v/m, /TERMS AND CONDITIONS/, /Permission is hereby granted/]) assert.match(notices, words);
+});
+
+test("a bundler's worker fits as Node does, and one that stopped rejects every call", { timeout: 240_000 }, async (t) => {
+  const place = project('bundled');
+  const shared = join(place, 'public');
+  mkdirSync(shared);
+  copyFileSync(modelFile, join(shared, 'face.3dmm'));
+  copyFileSync(join(PHOTOS, 'astronaut.png'), join(shared, 'photo.png'));
+  writeFileSync(join(place, 'index.html'), '<!doctype html><title>Bundled</title><script type="module" src="app.js"></script>');
+  writeFileSync(join(place, 'app.js'), `
+    import { connect } from 'onescan/worker';
+    const load = async (name) => new Uint8Array(await (await fetch(name)).arrayBuffer());
+    const tried = async (call) => call.then(() => 'done', (error) => error.message);
+    window.fit = async () => {
+      const client = connect();
+      await client.open(await load('face.3dmm'));
+      await client.photo(await load('photo.png'));
+      const [{ landmarks }] = await client.faces(0);
+      const { fingerprint } = await client.fit({ landmarks, names: { model: 'm', photo: 'p' }, live: false, size: 128 });
+      const running = tried(client.fit({ landmarks, names: { model: 'm', photo: 'p' } }));
+      client.close();
+      return [fingerprint, await running, await tried(client.mean())];
+    };
+    window.stopped = async () => {
+      const line = URL.createObjectURL(new Blob(['setTimeout(() => { throw new Error("sick"); })']));
+      const results = [];
+      for (const url of [line, '/nothing.js']) {
+        const client = connect(new Worker(url));
+        for (let call = 0; call < 2; call += 1) results.push(await tried(client.mean()));
+      }
+      return results;
+    };
+  `);
+  await build({ root: place, configFile: false, logLevel: 'warn' });
+  const server = createServer(sirv(join(place, 'dist')));
+  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
+  const { browser, close } = await open();
+  t.after(async () => {
+    await close();
+    server.close();
+  });
+  const page = await browser.newPage();
+  await page.goto(`http://127.0.0.1:${server.address().port}/`);
+  const [fingerprint, ...closed] = await page.evaluate(() => window.fit());
+
+  const onescan = await create();
+  const photo = onescan.photo(new Uint8Array(readFileSync(join(PHOTOS, 'astronaut.png'))));
+  const [{ landmarks }] = (await onescan.detector()).faces(photo);
+  const fit = onescan.fit({ model: onescan.model(bytes), photo, landmarks, size: 128 });
+  await fit.run();
+  assert.equal(fingerprint, fit.fingerprint);
+
+  assert.deepEqual(closed, Array(2).fill('the worker stopped: it was closed'));
+  const [first, second, third, fourth] = await page.evaluate(() => window.stopped());
+  for (const sick of [first, second]) assert.match(sick, /^the worker stopped: .*sick/);
+  for (const lost of [third, fourth]) assert.match(lost, /^the worker stopped: it could not be loaded/);
 });
 
 test('a JPEG gives the native fit, run or stepped', { timeout: 120_000 }, async () => {

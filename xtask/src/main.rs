@@ -3,12 +3,15 @@
 mod bench;
 mod c;
 mod calibration;
+mod deny;
 mod determinism;
 mod device;
 mod fuzz;
 mod golden;
 mod hdf5;
 mod no_std;
+mod notices;
+mod package;
 mod page;
 #[cfg(test)]
 mod rooms;
@@ -44,6 +47,24 @@ const COMMANDS: &[Command] = &[
         usage: "no-std",
         about: "the core needs neither std nor a heap, and computes with its own maths",
         run: no_std::run,
+    },
+    Command {
+        name: "package",
+        usage: "package",
+        about: "what crates.io would get: complete, and compiles by itself",
+        run: package::run,
+    },
+    Command {
+        name: "deny",
+        usage: "deny",
+        about: "licences, bans and sources of all crates (deny.toml)",
+        run: deny::run,
+    },
+    Command {
+        name: "msrv",
+        usage: "msrv",
+        about: "compiles what is published by the oldest compiler it promises to need",
+        run: package::oldest,
     },
     Command {
         name: "determinism",

@@ -3,7 +3,7 @@
 use crate::golden::Case;
 use crate::shell::{cargo, command, output, root, run as sh, target};
 use crate::targets::{Cross, install};
-use crate::{Outcome, no_arguments, wasm};
+use crate::{Outcome, no_arguments, notices, wasm};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::fs;
@@ -118,21 +118,14 @@ fn build() -> Outcome {
 
 /// What the page is made of, and under which licences.
 fn licences() -> Result<String, String> {
-    let tree = ["tree", "--package", "onescan-wasm", "--target", TARGET, "--edges", "normal"];
-    let format = ["--prefix", "none", "--format", "{p}: {l}"];
-    let crates = output(cargo(tree).args(format))?;
-    // Ours have a path, and what was listed before a mark.
-    let mut crates: Vec<&str> = crates.lines().filter(|line| !line.contains(" (")).collect();
-    crates.sort_unstable();
-    crates.dedup();
     Ok(format!(
         "onescan and this page: MIT (LICENSE-MIT) or Apache-2.0 (LICENSE-APACHE), at your option.\n\n\
          Landmarks are found by two networks of MediaPipe, Google: Apache-2.0\n\
          (js/face_mesh/LICENSE).\n\n\
          The face model is made from a scan that is in the public domain (CC0). The sample photos\n\
          are by NASA, the US Navy and the White House: in the public domain.\n\n\
-         The program contains these Rust crates:\n{}\n",
-        crates.join("\n")
+         The programs contain these Rust crates:\n\n{}",
+        notices::of(&["onescan-wasm", "onescan-faces"], TARGET)?
     ))
 }
 

@@ -2,7 +2,7 @@
 
 use crate::hdf5;
 use crate::shell::{cargo, run as sh, target};
-use crate::{Outcome, c, determinism, device, no_arguments, no_std, page, scale};
+use crate::{Outcome, c, deny, determinism, device, no_arguments, no_std, package, page, scale};
 use std::fs;
 use std::process::exit;
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -21,6 +21,8 @@ struct Stage {
 const STAGES: &[Stage] = &[
     Stage { name: "format", run: || sh(&mut cargo(["fmt", "--all", "--check"])) },
     Stage { name: "lints", run: lints },
+    Stage { name: "licences", run: deny::check },
+    Stage { name: "packages", run: package::check },
     Stage { name: "docs", run: docs },
     Stage { name: "no std", run: no_std::check },
     Stage { name: "tests", run: || sh(&mut cargo(["test", "--workspace", "--release"])) },

@@ -18,7 +18,7 @@ use super::scan::at;
 use super::state::{Problem, Registration, quad};
 use crate::least_squares::{Equations, System, matrix_words, system_words};
 use crate::math;
-use crate::search::vector::{Vec3, add, apply_transposed, cross, dot, scale, sub, xyz};
+use crate::vector::{Vec3, add, apply_transposed, cross, dot, scale, sub, xyz};
 
 /// Least cosine between the normals of a vertex and its foot.
 pub(super) const FACING: f32 = 0.6;

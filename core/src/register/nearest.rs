@@ -6,7 +6,7 @@
 use super::scan::Scan;
 use crate::math::{less, more};
 use crate::memory::Carver;
-use crate::search::vector::{Vec3, add, dot, scale, sub};
+use crate::vector::{Vec3, add, dot, scale, sub};
 
 /// The most triangles of a leaf.
 const LEAF: usize = 4;

@@ -5,7 +5,7 @@ use super::scan::{at, blur, slopes};
 use super::state::{Problem, Registration, TINT, quad};
 use crate::engine::Quad;
 use crate::least_squares::{Equations, System, matrix_words, system_words};
-use crate::search::vector::{add, scale, xyz};
+use crate::vector::{add, scale, xyz};
 
 /// Standard deviation of a scan's tint: of offsets in units of colour, of gains as parts of the mean's.
 const TINT_SD: f32 = 0.3;

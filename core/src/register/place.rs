@@ -2,7 +2,7 @@
 
 use crate::math;
 use crate::scene::rotation_by;
-use crate::search::vector::{Vec3, add, apply, apply_transposed, dot, sub};
+use crate::vector::{Vec3, add, apply, apply_transposed, dot, sub};
 
 /// Unknowns of a place: the logarithm of the size, a rotation vector, a translation.
 pub(super) const PLACE: usize = 7;
@@ -54,7 +54,7 @@ fn transposed(m: [Vec3; 3]) -> [Vec3; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::vector::{cross, scale};
+    use crate::vector::{cross, scale};
 
     #[test]
     fn a_step_is_the_derivative_of_what_it_does() {

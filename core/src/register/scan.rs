@@ -3,7 +3,7 @@
 use crate::engine::Quad;
 use crate::math::{less, sqrt};
 use crate::model::MAX_TRIANGLES;
-use crate::search::vector::{Vec3, add, cross, dot, scale, sub};
+use crate::vector::{Vec3, add, cross, dot, scale, sub};
 use core::fmt;
 
 /// Variance that colours are blurred by at a time, mm²; about half the square of an edge.

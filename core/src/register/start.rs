@@ -4,7 +4,7 @@ use super::evidence::{FACING, Look};
 use super::place::Place;
 use super::state::Registration;
 use crate::scene::rotation_by;
-use crate::search::vector::{Vec3, add, apply, dot, scale, sub, xyz};
+use crate::vector::{Vec3, add, apply, dot, scale, sub, xyz};
 
 /// Steps of a start, and of the nearest once more.
 const STEPS: u32 = 10;

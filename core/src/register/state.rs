@@ -11,7 +11,7 @@ use crate::math;
 use crate::memory::Carver;
 use crate::model::Model;
 use crate::scene::MAX_RANK;
-use crate::search::vector::{Vec3, cross, dot, scale, sub, xyz};
+use crate::vector::{Vec3, cross, dot, scale, sub, xyz};
 
 /// Unknowns of the scan's colours beside the albedo coefficients: an offset and a gain per channel.
 pub(super) const TINT: usize = 6;

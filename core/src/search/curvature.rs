@@ -6,11 +6,11 @@ use super::image_term::{SHADE, SHADE_SHARE};
 use super::shading::{Adjoint, Shading};
 use super::surface::at;
 use super::unknowns::POSE;
-use super::vector::{Vec3, add, apply, cross, scale, xyz};
 use super::window::Window;
 use crate::basis::Costs;
 use crate::least_squares::System;
 use crate::math;
+use crate::vector::{Vec3, add, apply, cross, scale, xyz};
 use core::array::from_fn;
 
 /// Of successive iterations' first pixels: by this share of the way to the next, no two are alike

@@ -11,7 +11,6 @@ use super::occlusion;
 use super::picture;
 use super::surface::at;
 use super::unknowns::{LIGHT, Layout, POSE, VIEW};
-use super::vector::Vec3;
 use crate::basis::padded;
 use crate::chain::{ChainError, Dimensions, Photo, Problem};
 use crate::engine::Quad;
@@ -21,6 +20,7 @@ use crate::math;
 use crate::memory::Carver;
 use crate::render::rasterize::{Frame, frame_words};
 use crate::scene::View;
+use crate::vector::Vec3;
 use core::f32::consts::{FRAC_PI_2, PI};
 
 /// Iterations on the landmarks alone, for the pose.

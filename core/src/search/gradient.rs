@@ -5,10 +5,10 @@ use super::evidence::Evidence;
 use super::shading::{Adjoint, Point, Shading};
 use super::surface::at;
 use super::unknowns::{COLOR, POSE};
-use super::vector::{Vec3, apply, cross, dot, scale, sub, xyz};
 use super::window::Window;
 use crate::basis::padded;
 use crate::render::rasterize::Hit;
+use crate::vector::{Vec3, apply, cross, dot, scale, sub, xyz};
 
 /// What it costs to change what a pixel shows.
 pub(super) struct Pixel {

@@ -38,13 +38,13 @@ use super::shading::Shading;
 use super::state::ModeSearch;
 use super::surface::{Surface, at};
 use super::unknowns::{Layout, MAX_PHOTOS};
-use super::vector::{Vec3, add, dot, scale, sub};
 use super::window::Window;
 use crate::least_squares::{Pulled, Slope, System, system_words};
 use crate::math;
 use crate::memory::Carver;
 use crate::render::rasterize::Hit;
 use crate::scene::{Subject, View};
+use crate::vector::{Vec3, add, dot, scale, sub};
 use core::ops::Range;
 
 /// Times as many pixels share an error as for the search: with as many, intervals of albedo hold the truth too

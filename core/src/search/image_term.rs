@@ -35,11 +35,11 @@ use super::occlusion;
 use super::picture;
 use super::shading::Shading;
 use super::surface::at;
-use super::vector::{Vec3, dot, sub};
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::pixels::ln_normaliser;
 use crate::math;
 use crate::render::rasterize::Hit;
+use crate::vector::{Vec3, dot, sub};
 
 /// Standard deviation, pixels, over which neighbouring pixels are judged together whether they show
 /// the face: some hundred pixels, the order of the patch that shares one error.

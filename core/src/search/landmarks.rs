@@ -5,12 +5,12 @@
 //! equations count with `(ν + 2)/(ν + q)`, the weight of iteratively reweighted least squares.
 
 use super::common::Common;
-use super::vector::dot;
 use super::window::Window;
 use crate::least_squares::Equations;
 use crate::likelihood::landmarks::Landmarks;
 use crate::math;
 use crate::scene::{Subject, View};
+use crate::vector::dot;
 
 /// Degrees of freedom ν.
 const LANDMARK_FREEDOM: f64 = 8.0;

@@ -33,7 +33,6 @@ mod shading;
 mod state;
 mod surface;
 pub mod unknowns;
-pub(crate) mod vector;
 mod window;
 
 use crate::chain::{ChainError, Problem};

@@ -6,9 +6,9 @@
 //! Eyes are of any colour, and gloss; only what is around them tells whether they are seen. Once the
 //! face has been found in the blurred photo, eyes whose surroundings are seen are never hidden.
 
-use super::vector::{Vec3, add, dot, scale, sub};
 use crate::math;
 use crate::model::Model;
+use crate::vector::{Vec3, add, dot, scale, sub};
 
 /// ε within the face.
 const INSIDE: f32 = 0.02;

@@ -10,11 +10,11 @@
 //! How colours follow the motion of the surface in the window: `gradient.rs`.
 
 use super::unknowns::COLOR;
-use super::vector::{Vec3, add, apply, apply_transposed, dot, scale, sub, times};
 use crate::color::{ColorTransform, LUMINANCE, color_matrix};
 use crate::light::{self, ModelLight};
 use crate::math;
 use crate::scene::View;
+use crate::vector::{Vec3, add, apply, apply_transposed, dot, scale, sub, times};
 
 /// Light and colour transform of a view.
 pub(super) struct Shading {

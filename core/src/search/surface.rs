@@ -4,7 +4,6 @@
 //! faces around it. Backwards, with `σ = (I − n nᵀ)/‖S‖ · ∂E/∂n`, each of these faces passes on
 //! `ν = (I − n_f n_fᵀ)/‖N‖ · σ`, and its corners get `∂E/∂e₁ = e₂ × ν`, `∂E/∂e₂ = ν × e₁`.
 
-use super::vector::{Vec3, add, cross, dot, scale, sub, xyz};
 use crate::basis::padded;
 use crate::engine::{Engine, Quad};
 use crate::math;
@@ -12,6 +11,7 @@ use crate::memory::Carver;
 use crate::model::Model;
 use crate::render::rasterize::Hit;
 use crate::scene::Subject;
+use crate::vector::{Vec3, add, cross, dot, scale, sub, xyz};
 
 /// Words of memory a [`Surface`] needs.
 pub(crate) const fn surface_words(vertices: usize, triangles: usize) -> usize {

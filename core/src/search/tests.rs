@@ -3,7 +3,6 @@
 use super::shading::Shading;
 use super::surface::at;
 use super::unknowns::Layout;
-use super::vector::{Vec3, add, dot, scale, sub, xyz};
 use super::window::Window;
 use super::*;
 use crate::basis::{ByVertex, Costs, by_vertex_words, padded};
@@ -22,6 +21,7 @@ use crate::posterior::{self, Metric, Sampler, improve, improve_words};
 use crate::render::rasterize::Hit;
 use crate::rng::Rng;
 use crate::scene::Scene;
+use crate::vector::{Vec3, add, dot, scale, sub, xyz};
 use core::array::from_fn;
 use std::vec;
 use std::vec::Vec;

@@ -1,8 +1,8 @@
 //! How window coordinates follow positions, pose and camera.
 
 use super::unknowns::POSE;
-use super::vector::{Vec3, add, apply, apply_transposed, cross, scale};
 use crate::scene::{PixelCamera, View};
+use crate::vector::{Vec3, add, apply, apply_transposed, cross, scale};
 
 /// How window coordinates follow positions, pose and camera.
 pub(super) struct Window {

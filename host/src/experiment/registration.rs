@@ -19,6 +19,7 @@ use crate::photo::picture::{Picture, montage};
 use crate::registration::{Distances, Measures, Options, Registered, register};
 use crate::render;
 use crate::report;
+use crate::vector::{dot, length, minus};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -220,7 +221,7 @@ fn row(
 }
 
 fn apart(a: [f32; 3], b: [f32; 3]) -> f64 {
-    (0..3).map(|i| f64::from(a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+    length(minus(a, b).map(f64::from))
 }
 
 /// Mean place and colour of every vertex; the triangles of the first.
@@ -300,8 +301,7 @@ fn regions(template: &Mesh, landmarks: &[Landmark]) -> Result<[Vec<bool>; REGION
 
 /// Distance of a point from a line between two others.
 fn from_line(p: [f32; 3], [a, b]: [[f32; 3]; 2]) -> f64 {
-    let dot = |u: [f32; 3], v: [f32; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
-    let (ab, ap) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| p[i] - a[i]));
+    let (ab, ap) = (minus(b, a), minus(p, a));
     let t = (dot(ap, ab) / dot(ab, ab)).clamp(0.0, 1.0);
     apart(p, [0, 1, 2].map(|i| a[i] + t * ab[i]))
 }

@@ -8,6 +8,7 @@ use crate::photo::picture::Picture;
 use crate::photo::tlms::{Landmark2, Tlms};
 use crate::render;
 use crate::scan::surface::{Nearest, Surface};
+use crate::vector::{cross, distance, dot, length, minus};
 use onescan_core::scene::Scene;
 use std::f32::consts::FRAC_PI_2;
 
@@ -89,11 +90,7 @@ pub fn find(mesh: &Mesh) -> Result<FaceOnScan> {
     }
     let (picture, in_picture) = front.ok_or_else(|| Error::new(NONE))?;
     let mark = |(name, all): (String, Vec<Nearest>)| {
-        let apart = |a: &Nearest| {
-            let distance =
-                |b: &Nearest| (0..3).map(|k| (a.point[k] - b.point[k]).powi(2)).sum::<f64>().sqrt();
-            all.iter().map(distance).sum::<f64>()
-        };
+        let apart = |a: &Nearest| all.iter().map(|b| distance(a.point, b.point)).sum::<f64>();
         let nearest = all.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
         let corner = (0..3).max_by(|a, b| nearest.weights[*a].total_cmp(&nearest.weights[*b]));
         let vertex = nearest.triangle[corner.unwrap_or(0)];
@@ -111,14 +108,6 @@ struct Place {
     height: f32,
 }
 
-fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 impl Place {
     /// Of landmarks on a surface; `None` if eyes and mouth are not among them, or in one place.
     fn new(marks: &[(String, Nearest)]) -> Option<Self> {
@@ -132,20 +121,17 @@ impl Place {
         let mouth = mean(["left.lips.corner", "right.lips.corner"])?;
         let eyes: [f32; 3] = std::array::from_fn(|k| 0.5 * (left[k] + right[k]));
         let unit = |v: [f32; 3]| {
-            let norm = dot(v, v).sqrt();
+            let norm = length(v);
             (norm > 0.0).then(|| v.map(|x| x / norm))
         };
         let across = unit(minus(left, right))?;
         let upward = minus(eyes, mouth);
         let along = dot(upward, across);
         let up = unit(std::array::from_fn(|k| upward[k] - along * across[k]))?;
-        let forward = std::array::from_fn(|k| {
-            across[(k + 1) % 3] * up[(k + 2) % 3] - across[(k + 2) % 3] * up[(k + 1) % 3]
-        });
         Some(Self {
             center: std::array::from_fn(|k| 0.5 * (eyes[k] + mouth[k])),
-            axes: [across, up, forward],
-            height: dot(upward, upward).sqrt(),
+            axes: [across, up, cross(across, up)],
+            height: length(upward),
         })
     }
 }
@@ -204,7 +190,7 @@ impl Look {
                 (pixel.centre[1] - y - 0.5) / pixel.focal[1],
                 -1.0,
             ]);
-            let norm = dot(ray, ray).sqrt();
+            let norm = length(ray);
             (id, ray.map(|v| f64::from(v / norm)))
         };
         let rays: Vec<_> = face.landmarks().landmarks.into_iter().map(rays).collect();

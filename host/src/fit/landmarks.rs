@@ -5,6 +5,7 @@ use super::{Fit, Job};
 use crate::error::{Error, Result};
 use crate::photo::Crop;
 use crate::photo::tlms::{MIN_VISIBLE, Tlms};
+use crate::vector::{self, dot, turned};
 use onescan_core::basis::Basis;
 use onescan_core::chain::{Config, Problem};
 use onescan_core::image::Image;
@@ -67,7 +68,7 @@ pub fn explain(
     let cosine = |&v: &u32| {
         let normal = normal(model, v);
         let point = view.pose.to_world(model.shape.mean_at(v as usize));
-        let turned = rotation.map(|row| dot(row, normal));
+        let turned = turned(&rotation, normal);
         let lengths = (dot(turned, turned) * dot(point, point)).sqrt();
         if lengths > 0.0 { f64::from(-dot(turned, point) / lengths) } else { 0.0 }
     };
@@ -78,21 +79,13 @@ pub fn explain(
     })
 }
 
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 /// Normal of the mean at a vertex, as long as the triangles around it are large.
 fn normal(model: &Model<'_>, vertex: u32) -> [f32; 3] {
     let triangles = (0..model.triangles.len()).filter_map(|t| model.triangles.get(t));
     let mut sum = [0.0; 3];
     for triangle in triangles.filter(|t| t.contains(&vertex)) {
-        let [a, b, c] = triangle.map(|v| model.shape.mean_at(v as usize));
-        let [p, q]: [[f32; 3]; 2] = [b, c].map(|d| std::array::from_fn(|i| d[i] - a[i]));
-        for (i, sum) in sum.iter_mut().enumerate() {
-            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-            *sum += p[j] * q[k] - p[k] * q[j];
-        }
+        let normal = vector::normal(triangle.map(|v| model.shape.mean_at(v as usize)));
+        sum.iter_mut().zip(normal).for_each(|(sum, n)| *sum += n);
     }
     sum
 }

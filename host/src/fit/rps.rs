@@ -335,6 +335,7 @@ fn turned_light(light: &Light, rotation: &[[f32; 3]; 3]) -> Light {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vector::turned;
     use proptest::prelude::*;
 
     fn example() -> Rps {
@@ -440,7 +441,7 @@ mod tests {
             let [roll, yaw, pitch] = angles;
             let r = Pose { roll, yaw, pitch, ..Pose::AWAY_1M }.rotation();
             let n = [2.0 / 7.0, -3.0 / 7.0, 6.0 / 7.0];
-            let rn = r.map(|row| row[0] * n[0] + row[1] * n[1] + row[2] * n[2]);
+            let rn = turned(&r, n);
             let turned = light::radiance(&turned_light(&light, &r), n);
             for (a, b) in turned.into_iter().zip(light::radiance(&light, rn)) {
                 prop_assert!((a - b).abs() < 1e-4, "{a} {b}");

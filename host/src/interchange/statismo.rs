@@ -19,6 +19,7 @@ use crate::interchange::hdf5::{Group, Store, Values};
 use crate::mesh::landmarks::{self, Landmark, Point, Uncertainty};
 use crate::model::morphable::{Import, Morphable};
 use crate::model::process::Process;
+use crate::vector::distance;
 use faer::Mat;
 use std::collections::{BTreeMap, HashMap};
 
@@ -400,10 +401,6 @@ impl<'a> Index<'a> {
 /// Bits of coordinates; adding zero makes both zeros one.
 fn key(p: [f64; 3]) -> [u64; 3] {
     p.map(|x| (x + 0.0).to_bits())
-}
-
-fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 
 /// The groups and datasets of a model, as the reference engine writes them.

@@ -1,5 +1,7 @@
 //! Positions far from their origin, like those of maps: moved there before they become f32.
 
+use crate::vector::distance;
+
 /// Greatest error of rounding to f32, as a fraction of the diagonal of the points' box, that is
 /// left alone: 0.002 mm in a face.
 const ERROR: f64 = 1e-5;
@@ -13,7 +15,7 @@ pub(crate) fn settled(points: &[[f64; 3]]) -> (Vec<[f32; 3]>, [f64; 3]) {
         points.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(low, high), p| {
             (std::array::from_fn(|i| low[i].min(p[i])), std::array::from_fn(|i| high[i].max(p[i])))
         });
-    let diagonal = (0..3).map(|i| (high[i] - low[i]).powi(2)).sum::<f64>().sqrt();
+    let diagonal = distance(high, low);
     let largest = low.iter().chain(&high).fold(0.0_f64, |largest, c| largest.max(c.abs()));
     // Half a unit in the last of the 24 binary digits.
     let error = largest * f64::from(f32::EPSILON) / 2.0;

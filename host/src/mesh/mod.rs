@@ -9,7 +9,7 @@ pub mod ply;
 pub(crate) mod polygon;
 pub mod skin;
 
-use onescan_core::math;
+use crate::vector::{length, normal};
 use std::collections::HashMap;
 use std::fmt;
 
@@ -39,12 +39,8 @@ impl Mesh {
     pub fn normals(&self) -> Vec<[f32; 3]> {
         let mut sums = vec![[0.0_f32; 3]; self.points.len()];
         for corners in &self.triangles {
-            let [a, b, c] = corners.map(|i| self.points[i as usize]);
-            let (u, v): ([f32; 3], [f32; 3]) =
-                (std::array::from_fn(|i| b[i] - a[i]), std::array::from_fn(|i| c[i] - a[i]));
-            let cross =
-                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-            let Some(normal) = unit(cross) else { continue };
+            let along = normal(corners.map(|i| self.points[i as usize]));
+            let Some(normal) = unit(along) else { continue };
             for i in corners {
                 let sum = &mut sums[*i as usize];
                 *sum = std::array::from_fn(|k| sum[k] + normal[k]);
@@ -57,7 +53,7 @@ impl Mesh {
 /// `v / |v|`; `None` where the length is zero or overflows.
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     let v = v.map(f64::from);
-    let length = math::sqrt_f64(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    let length = length(v);
     (length > 0.0).then(|| v.map(|x| (x / length) as f32))
 }
 

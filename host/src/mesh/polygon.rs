@@ -58,6 +58,7 @@ fn convex(flat: &[[f64; 2]]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vector::{dot, length, normal};
 
     fn cut(corners: &[[f64; 3]]) -> Vec<[usize; 3]> {
         let mut triangles = Vec::new();
@@ -84,24 +85,17 @@ mod tests {
                 _ => [x, y, x - y],
             };
             let corners = arrow.map(place);
-            let cross = |[a, b, c]: [usize; 3]| {
-                let [a, b, c] = [a, b, c].map(|i| corners[i]);
-                let (u, v): ([f64; 3], [f64; 3]) =
-                    (std::array::from_fn(|i| b[i] - a[i]), std::array::from_fn(|i| c[i] - a[i]));
-                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-            };
-            let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let normal = |triangle: [usize; 3]| normal(triangle.map(|i| corners[i]));
             let triangles = cut(&corners);
             assert_eq!(triangles.len(), 2);
             // The polygon's own area vector, by Newell; triangles inside it add up to the same length.
             let whole: [f64; 3] = (1..3)
-                .map(|i| cross([0, i, i + 1]))
+                .map(|i| normal([0, i, i + 1]))
                 .fold([0.0; 3], |sum, n| std::array::from_fn(|k| sum[k] + n[k]));
-            let sum: f64 = triangles.iter().map(|t| length(cross(*t))).sum();
+            let sum: f64 = triangles.iter().map(|t| length(normal(*t))).sum();
             assert!((sum - length(whole)).abs() < 1e-6 * sum, "{sum} {whole:?}");
             for triangle in triangles {
-                let n = cross(triangle);
-                assert!((0..3).map(|i| n[i] * whole[i]).sum::<f64>() > 0.0, "turned over");
+                assert!(dot(normal(triangle), whole) > 0.0, "turned over");
             }
         }
     }

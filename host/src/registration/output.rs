@@ -10,6 +10,7 @@ use crate::photo::picture::{Picture, heat_color, montage};
 use crate::render;
 use crate::report;
 use crate::scan::rigid::Rigid;
+use crate::vector::{length, minus};
 use onescan_core::light::ambient_white;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -127,7 +128,7 @@ fn to_json(result: &Registered, landmarks: &[(String, [f32; 3], u32)], names: &N
 }
 
 fn distance(a: [f32; 3], b: [f32; 3]) -> f64 {
-    (0..3).map(|i| f64::from(a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+    length(minus(a, b).map(f64::from))
 }
 
 /// Meshes in the scan's place from three sides each, in the model's pose, under frontal or even light.

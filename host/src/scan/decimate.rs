@@ -6,6 +6,7 @@
 //! neighbour, so nothing is interpolated.
 
 use crate::mesh::Mesh;
+use crate::vector;
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
@@ -224,13 +225,10 @@ impl Surface {
 
     fn turns(&self, before: [u32; 3], after: [u32; 3]) -> bool {
         let normal = |face: [u32; 3]| {
-            let [p, q, r] = face.map(|v| self.points[v as usize]);
-            let [a, b] = [q, r].map(|q| [q[0] - p[0], q[1] - p[1], q[2] - p[2]]);
-            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+            vector::normal(face.map(|v| self.points[v as usize]).map(|[x, y, z, ..]| [x, y, z]))
         };
         let (a, b) = (normal(before), normal(after));
-        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        dot(a, b) <= TURN * (dot(a, a) * dot(b, b)).sqrt()
+        vector::dot(a, b) <= TURN * (vector::dot(a, a) * vector::dot(b, b)).sqrt()
     }
 
     fn collapse(&mut self, u: u32, v: u32) {

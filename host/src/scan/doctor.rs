@@ -5,6 +5,7 @@
 //! centre or in another unit is told here, and what can be mended without guessing is.
 
 use crate::mesh::{Mesh, weld};
+use crate::vector::{self, dot, length, minus};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
@@ -87,7 +88,7 @@ impl Findings {
             ends.join(a, b);
         }
         let (low, high) = bounds(&points);
-        let diagonal = (0..3).map(|i| (high[i] - low[i]).powi(2)).sum::<f64>().sqrt();
+        let diagonal = vector::distance(high, low);
         let area = kept.iter().map(|t| area(&points, *t)).sum::<f64>();
         let length: f64 = edges.keys().map(|&[a, b]| distance(&points, a, b)).sum();
         let edge = length / edges.len().max(1) as f64;
@@ -312,21 +313,16 @@ pub fn mend(mesh: &Mesh, largest_only: bool) -> (Mesh, Mended) {
 
 type Points<'a> = &'a [[f64; 3]];
 
-/// Twice the area of a triangle times its unit normal.
-fn cross(points: Points<'_>, [a, b, c]: [u32; 3]) -> [f64; 3] {
-    let [a, b, c] = [a, b, c].map(|v| points[v as usize]);
-    let (u, v): ([f64; 3], [f64; 3]) =
-        (std::array::from_fn(|i| b[i] - a[i]), std::array::from_fn(|i| c[i] - a[i]));
-    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+fn normal(points: Points<'_>, triangle: [u32; 3]) -> [f64; 3] {
+    vector::normal(triangle.map(|v| points[v as usize]))
 }
 
 fn area(points: Points<'_>, triangle: [u32; 3]) -> f64 {
-    0.5 * cross(points, triangle).iter().map(|x| x * x).sum::<f64>().sqrt()
+    0.5 * length(normal(points, triangle))
 }
 
 fn distance(points: Points<'_>, a: u32, b: u32) -> f64 {
-    let (a, b) = (points[a as usize], points[b as usize]);
-    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+    vector::distance(points[a as usize], points[b as usize])
 }
 
 fn bounds(points: Points<'_>) -> ([f64; 3], [f64; 3]) {
@@ -457,12 +453,7 @@ fn centre(points: Points<'_>, triangles: &[[u32; 3]]) -> [f64; 3] {
 /// Six times the signed volume between the triangles and `o`, `Σ (a − o)·((b − a)×(c − a))`:
 /// positive where they look away from it.
 fn flux(points: Points<'_>, triangles: impl Iterator<Item = [u32; 3]>, o: [f64; 3]) -> f64 {
-    triangles
-        .map(|t| {
-            let (a, n) = (points[t[0] as usize], cross(points, t));
-            (0..3).map(|i| (a[i] - o[i]) * n[i]).sum::<f64>()
-        })
-        .sum()
+    triangles.map(|t| dot(minus(points[t[0] as usize], o), normal(points, t))).sum()
 }
 
 /// Turns triangles so that neighbours agree; returns how many were turned.

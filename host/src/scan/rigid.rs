@@ -1,5 +1,6 @@
 //! Rotation and translation between points in correspondence.
 
+use crate::vector::{minus, turned};
 use faer::{Mat, Side};
 
 /// `x → R x + t`, right-handed.
@@ -40,18 +41,13 @@ impl Rigid {
             [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
             [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
         ];
-        let turned = rotation.map(|r| r[0] * a[0] + r[1] * a[1] + r[2] * a[2]);
-        let translation = std::array::from_fn(|i| b[i] - turned[i]);
-        Some(Self { rotation, translation })
+        Some(Self { rotation, translation: minus(b, turned(&rotation, a)) })
     }
 
     /// The point moved.
     pub fn apply(&self, p: [f32; 3]) -> [f32; 3] {
-        let p = p.map(f64::from);
-        std::array::from_fn(|i| {
-            let r = self.rotation[i];
-            (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + self.translation[i]) as f32
-        })
+        let turned = turned(&self.rotation, p.map(f64::from));
+        std::array::from_fn(|i| (turned[i] + self.translation[i]) as f32)
     }
 }
 

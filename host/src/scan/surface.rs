@@ -1,6 +1,7 @@
 //! The point of a surface nearest to another point, by a tree of boxes that is kept.
 
 use crate::mesh::Mesh;
+use crate::vector::{cross, dot, minus};
 
 /// Triangles of a leaf: testing so few is cheaper than another box.
 const LEAF: usize = 4;
@@ -146,10 +147,6 @@ impl Surface {
 /// How far along a line a triangle is met, and the weights of its corners there (Möller and Trumbore
 /// 1997).
 fn meet(p: [f64; 3], n: [f64; 3], [a, b, c]: &[[f64; 3]; 3]) -> Option<(f64, [f64; 3])> {
-    let cross = |u: [f64; 3], v: [f64; 3]| {
-        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-    };
-    let dot = |u: [f64; 3], v: [f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
     let (ab, ac, ap) = (minus(*b, *a), minus(*c, *a), minus(p, *a));
     let q = cross(n, ac);
     let volume = dot(ab, q);
@@ -245,14 +242,6 @@ fn nearest_of_triangle(p: [f64; 3], [a, b, c]: &[[f64; 3]; 3]) -> ([f64; 3], [f6
     };
     let point = std::array::from_fn(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
     (point, weights)
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn squared_norm(a: [f64; 3]) -> f64 {

@@ -4,6 +4,7 @@
 use crate::error::{Error, Result};
 use crate::mesh::{Axis, Mesh};
 use crate::scan::surface::Surface;
+use crate::vector::{dot, length};
 use faer::{Mat, Side};
 use std::f64::consts::PI;
 use std::fmt;
@@ -107,8 +108,8 @@ pub fn align(points: &mut [[f32; 3]], plane: &Plane) -> Axis {
     // and then that across n + e.
     let mut half = n;
     half[axis] += 1.0;
-    let length = dot(half, half).sqrt();
-    let half = half.map(|x| x / length);
+    let size = length(half);
+    let half = half.map(|x| x / size);
     for p in points {
         let mut q = reflected(reflected(p.map(f64::from), n, 0.0), half, 0.0);
         q[axis] -= offset;
@@ -232,14 +233,11 @@ fn reflected(p: [f64; 3], n: [f64; 3], offset: f64) -> [f64; 3] {
     [0, 1, 2].map(|k| p[k] - t * n[k])
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::demo::template;
+    use crate::vector::{cross, minus};
 
     /// The template, turned about y and z and moved.
     fn moved() -> (Mesh, Plane) {
@@ -280,8 +278,7 @@ mod tests {
         let x = Plane { normal: [1.0, 0.0, 0.0], offset: 0.0 };
         assert!(judge(&mesh, x).unwrap().error < 1e-3);
         let distance = |points: &[[f32; 3]], i: usize, j: usize| {
-            let d = [0, 1, 2].map(|k| f64::from(points[i][k] - points[j][k]));
-            dot(d, d).sqrt()
+            length(minus(points[i], points[j]).map(f64::from))
         };
         for (i, j) in [(0, 100), (7, 4000), (8000, 3)] {
             assert!((distance(&mesh.points, i, j) - distance(&before, i, j)).abs() < 1e-3);
@@ -289,9 +286,7 @@ mod tests {
         // Turned, not mirrored: the triple product of three edges keeps its sign.
         let volume = |points: &[[f32; 3]]| {
             let [a, b, c, o] = [10, 2000, 5000, 8000].map(|i| points[i].map(f64::from));
-            let [a, b, c] = [a, b, c].map(|p| [0, 1, 2].map(|k| p[k] - o[k]));
-            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
-                + a[2] * (b[0] * c[1] - b[1] * c[0])
+            dot(minus(a, o), cross(minus(b, o), minus(c, o)))
         };
         assert!((volume(&mesh.points) / volume(&before) - 1.0).abs() < 1e-3);
     }

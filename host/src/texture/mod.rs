@@ -14,6 +14,7 @@ mod unwrap;
 use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::mesh::skin::{Colors, Skin, Texture};
+use crate::vector::length;
 use canvas::{Canvas, Layer};
 use onescan_core::model::Model;
 use onescan_core::scene::Subject;
@@ -140,7 +141,7 @@ impl Surface<'_> {
                 [0, 1, 2].map(|k| u * p[k] + v * q[k] + w * r[k])
             };
             let n = mix(self.normals);
-            let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+            let length = length(n);
             let normal = if length > 0.0 { n.map(|x| x / length) } else { [0.0, 0.0, 1.0] };
             of(Spot {
                 place,

@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::photo::Crop;
 use crate::photo::picture::Picture;
 use crate::render;
+use crate::vector::{dot, length, turned};
 use onescan_core::color::ColorTransform;
 use onescan_core::light::ModelLight;
 use onescan_core::model::Model;
@@ -112,12 +113,7 @@ impl Seen {
         if !(d > self.view.camera.near && u >= 0.0 && v >= 0.0 && u <= w - 1.0 && v <= h - 1.0) {
             return [0.0; 4];
         }
-        let r = &self.rotation;
-        let turned: [f32; 3] = std::array::from_fn(|i| {
-            r[i][0] * normal[0] + r[i][1] * normal[1] + r[i][2] * normal[2]
-        });
-        let far = (world[0] * world[0] + world[1] * world[1] + world[2] * world[2]).sqrt();
-        let cosine = -(turned[0] * world[0] + turned[1] * world[1] + turned[2] * world[2]) / far;
+        let cosine = -dot(turned(&self.rotation, normal), world) / length(world);
         let drawn = self.depth[(v + 0.5) as usize * self.size[0] + (u + 0.5) as usize];
         let hidden = !(drawn > 0.0 && d < 1.0 / drawn + self.behind);
         let facing = step(GRAZING, cosine);

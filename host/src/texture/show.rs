@@ -4,6 +4,7 @@ use super::canvas::{between, pixel};
 use crate::mesh::skin::{Colors, Skin};
 use crate::photo::picture::{Picture, Rgb};
 use crate::render;
+use crate::vector::length;
 use onescan_core::model::Model;
 use onescan_core::render::shade::Shader;
 use onescan_core::scene::Scene;
@@ -38,8 +39,7 @@ pub fn show(model: &Model<'_>, scene: &Scene, skin: &Skin, ground: Rgb) -> Pictu
             let color = color(skin, corners, weights);
             let color = if skin.lit {
                 let n: [f32; 3] = mix(&normals, corners, weights);
-                let length =
-                    (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt().max(f32::MIN_POSITIVE);
+                let length = length(n).max(f32::MIN_POSITIVE);
                 shader.color(n.map(|x| x / length), color)
             } else {
                 color

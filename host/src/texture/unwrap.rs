@@ -1,5 +1,6 @@
 //! A surface laid flat: texture coordinates of a mesh with the topology of a disc, without a seam.
 
+use crate::vector::{cross, distance, dot, length, minus, normal};
 use onescan_core::math;
 
 /// Sweeps of a solution, at most, and where it ends: a share of the disc's radius, far below a texel.
@@ -28,7 +29,7 @@ pub(super) fn unwrap(points: &[[f32; 3]], triangles: &[[u32; 3]]) -> Option<Vec<
     let mut triangles: Vec<[usize; 3]> = triangles.iter().map(|t| t.map(|i| i as usize)).collect();
     let mut borders = borders(count, &triangles)?;
     let longest = (0..borders.len()).max_by(|&a, &b| {
-        let [a, b] = [a, b].map(|i| length(&points, &borders[i]));
+        let [a, b] = [a, b].map(|i| around(&points, &borders[i]));
         a.total_cmp(&b)
     })?;
     let outer = borders.swap_remove(longest);
@@ -138,7 +139,7 @@ fn is_disc(used: &[bool], triangles: &[[usize; 3]], border: usize) -> bool {
 
 /// Puts the border on the circle of radius 1.
 fn place_border(points: &[[f64; 3]], border: &[usize], at: &mut [[f64; 2]]) {
-    let whole = length(points, border).max(f64::MIN_POSITIVE);
+    let whole = around(points, border).max(f64::MIN_POSITIVE);
     let mut along = 0.0;
     let mut last = None;
     let mut placed = Vec::new();
@@ -182,10 +183,10 @@ impl Weights {
         for &[a, b, c] in triangles {
             for [i, j, k] in [[a, b, c], [b, c, a], [c, a, b]] {
                 let (u, v) = (minus(points[j], points[i]), minus(points[k], points[i]));
-                let lengths = [dot(u, u).sqrt(), dot(v, v).sqrt()];
+                let lengths = [length(u), length(v)];
                 let product = lengths[0] * lengths[1];
                 // tan(α/2) = (1 − cos α)/sin α, bounded for what is no triangle.
-                let sin = dot(cross(u, v), cross(u, v)).sqrt().max(1e-3 * product);
+                let sin = length(cross(u, v)).max(1e-3 * product);
                 let tan = ((product - dot(u, v)) / sin.max(f64::MIN_POSITIVE)).max(1e-3);
                 for (other, length) in [j, k].into_iter().zip(lengths) {
                     let weight = tan / length.max(1e-9);
@@ -241,8 +242,7 @@ fn stretch(points: &[[f64; 3]], triangles: &[[usize; 3]], at: &[[f64; 2]]) -> (V
         let [p, q, r] = t.map(|i| points[i]);
         let [a, b, c] = t.map(|i| at[i]);
         let twice = area([a, b, c]);
-        let normal = cross(minus(q, p), minus(r, p));
-        let solid = dot(normal, normal).sqrt();
+        let solid = length(normal([p, q, r]));
         // Partial derivatives of the surface by the plane's coordinates.
         let derivative = |w: [f64; 3]| -> [f64; 3] {
             [0, 1, 2].map(|k| (p[k] * w[0] + q[k] * w[1] + r[k] * w[2]) / twice)
@@ -270,26 +270,9 @@ fn area([a, b, c]: [[f64; 2]; 3]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
 }
 
-fn length(points: &[[f64; 3]], border: &[usize]) -> f64 {
+fn around(points: &[[f64; 3]], border: &[usize]) -> f64 {
     let next = border.iter().cycle().skip(1);
     border.iter().zip(next).map(|(&a, &b)| distance(points[a], points[b])).sum()
-}
-
-fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let d = minus(a, b);
-    dot(d, d).sqrt()
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 #[cfg(test)]

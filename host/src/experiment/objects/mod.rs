@@ -25,6 +25,7 @@ use crate::photo::tlms::Tlms;
 use crate::render;
 use crate::report;
 use crate::scan::rigid::Rigid;
+use crate::vector::{length, minus};
 use animals::{Animal, Kind};
 use onescan_core::chain::Config;
 use onescan_core::model::Model;
@@ -208,8 +209,7 @@ fn fit(model: &OwnedModel, subject: &Subject, schedule: Schedule, seed: u64) -> 
         let found: Vec<[f32; 3]> = animal.landmarks.iter().filter_map(at).collect();
         let Some(motion) = Rigid::between(&found, &truth) else { return f64::NAN };
         let apart = |(p, q): (&[f32; 3], &[f32; 3])| -> f64 {
-            let p = motion.apply(*p);
-            (0..3).map(|k| f64::from(p[k] - q[k]).powi(2)).sum::<f64>().sqrt()
+            length(minus(motion.apply(*p), *q).map(f64::from))
         };
         found.iter().zip(&truth).map(apart).sum::<f64>() / truth.len() as f64
     };

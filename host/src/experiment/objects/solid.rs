@@ -203,6 +203,7 @@ fn separate(values: &mut HashMap<Cell, f64>) {
 mod tests {
     use super::*;
     use crate::scan::doctor::Findings;
+    use crate::vector::{cross, dot};
 
     #[test]
     fn a_ball_is_round_closed_and_symmetric() {
@@ -228,10 +229,7 @@ mod tests {
             .iter()
             .map(|t| {
                 let [a, b, c] = t.map(|v| mesh.points[v as usize]);
-                (a[0] * (b[1] * c[2] - b[2] * c[1])
-                    + a[1] * (b[2] * c[0] - b[0] * c[2])
-                    + a[2] * (b[0] * c[1] - b[1] * c[0]))
-                    / 6.0
+                dot(a, cross(b, c)) / 6.0
             })
             .sum();
         assert!((volume / 33_510.0 - 1.0).abs() < 0.05, "{volume}");

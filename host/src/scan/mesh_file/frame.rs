@@ -1,6 +1,7 @@
 //! Which way a scan stands in its file, and the rotation that stands it up.
 
 use crate::error::{Error, Result};
+use crate::vector::{cross, turned};
 use std::fmt;
 use std::str::FromStr;
 
@@ -71,14 +72,13 @@ impl Frame {
             return Err(Error::new("--up and --front lie along the same axis; give two axes"));
         }
         let (y, z) = (up.vector(), front.vector());
-        let x = [y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]];
-        Ok(Self { rows: [x, y, z] })
+        Ok(Self { rows: [cross(y, z), y, z] })
     }
 
     /// A point of the file in our axes.
     pub fn turn(&self, p: [f32; 3]) -> [f32; 3] {
         // Adding 0 makes −0, which products with 0 leave behind, an ordinary zero.
-        self.rows.map(|r| r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + 0.0)
+        turned(&self.rows, p).map(|x| x + 0.0)
     }
 
     /// A point in our axes in the file's.
@@ -91,6 +91,7 @@ impl Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vector::dot;
 
     fn frame(up: &str, front: Option<&str>) -> Frame {
         Frame::new(up.parse().unwrap(), front.map(|f| f.parse().unwrap())).unwrap()
@@ -105,10 +106,7 @@ mod tests {
             let p = [1.5, -2.0, 3.25];
             assert_eq!(frame.undo(frame.turn(p)), p, "{up}");
             let [a, b, c] = frame.rows;
-            let determinant = a[0] * (b[1] * c[2] - b[2] * c[1])
-                - a[1] * (b[0] * c[2] - b[2] * c[0])
-                + a[2] * (b[0] * c[1] - b[1] * c[0]);
-            assert_eq!(determinant, 1.0, "{up} is a rotation");
+            assert_eq!(dot(a, cross(b, c)), 1.0, "{up} is a rotation");
         }
     }
 
