@@ -83,12 +83,14 @@ const methods = {
     fitted = undefined;
     model = opened;
     viewer = onescan.viewer(opened);
+    // A photo is next: what reads it comes meanwhile.
+    import('./photos.js').then(({ load }) => load()).catch(() => {});
     return { vertices, shapeRank, albedoRank, landmarks, provenance };
   },
 
   /** The photo, instead of what there was. @param {Uint8Array | ImageData} source */
   async photo(source) {
-    const taken = (await program).photo(source);
+    const taken = await (await program).photo(source);
     for (const old of photos) old.free();
     photos = [taken];
     watched = 0;
@@ -97,7 +99,7 @@ const methods = {
 
   /** One more photo of the same person. @param {Uint8Array | ImageData} source */
   async addPhoto(source) {
-    const taken = (await program).photo(source);
+    const taken = await (await program).photo(source);
     photos.push(taken);
     return facts(taken);
   },

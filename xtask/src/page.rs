@@ -157,9 +157,10 @@ struct Program {
     profile: &'static str,
 }
 
-/// The fit, and what finds faces.
-const PROGRAMS: [Program; 2] = [
+/// The fit, what reads photos, and what finds faces in them.
+const PROGRAMS: [Program; 3] = [
     Program { name: "onescan_wasm", folder: "wasm", profile: "web" },
+    Program { name: "onescan_photos", folder: "wasm/photos", profile: "web" },
     Program { name: "onescan_faces", folder: "wasm/faces", profile: "faces" },
 ];
 
