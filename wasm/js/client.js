@@ -9,7 +9,7 @@
 
 const METHODS = /** @type {const} */ ([
   'open', 'photo', 'addPhoto', 'removePhoto', 'faces', 'watch', 'fit', 'pause', 'resume', 'cancel', 'fitFiles', 'draw', 'drawMean', 'png', 'locate', 'set',
-  'random', 'mean', 'fitted', 'light', 'files',
+  'random', 'mean', 'fitted', 'dress', 'light', 'files',
 ]);
 
 /**

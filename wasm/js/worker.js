@@ -236,6 +236,13 @@ const methods = {
     return coefficients();
   },
 
+  /** Lays the photos' colours on the fitted face, whatever its shape, or takes them off. @param {boolean} on */
+  dress(on) {
+    const view = need(viewer, 'model');
+    if (on) view.dress(need(fitted, 'fit'));
+    else view.undress();
+  },
+
   /** @param {string} name `photo` is the light of a photo of the finished fit. @param {number} [photo] Its number. */
   light(name, photo) {
     const view = need(viewer, 'model');

@@ -154,6 +154,7 @@ async function openModel(name, bytes) {
   element('model-facts', HTMLElement).textContent =
     `${name}: ${vertices} vertices, ${shapeRank} shape and ${albedoRank} albedo components.`;
   showFace(await client.mean());
+  element('dress-tool', HTMLElement).hidden = true;
   element('numbers', HTMLElement).hidden = true;
   element('result', HTMLElement).hidden = false;
 }
@@ -480,6 +481,9 @@ on('fit', async () => {
   element('light', HTMLSelectElement).value = 'photo';
   await client.light('photo', position());
   showFace(fitted);
+  input('dress').checked = true;
+  element('dress-tool', HTMLElement).hidden = false;
+  dress();
   say('Done. Fade the model over the photo to compare; the face is below, to turn and to change.');
 });
 on('pause', async () => {
@@ -541,10 +545,17 @@ function showFace(coefficients) {
   view.draw();
 }
 
+/** Lays the photo's colours on the face, or takes them off. */
+async function dress() {
+  await client.dress(input('dress').checked);
+  view.draw();
+}
+
 on('show-fitted', async () => showFace(await client.fitted()));
 on('show-random', async () => showFace(await client.random(crypto.getRandomValues(new Uint32Array(1))[0])));
 on('show-mean', async () => showFace(await client.mean()));
 element('light', HTMLSelectElement).addEventListener('change', () => attempt(illuminate));
+input('dress').addEventListener('change', () => attempt(dress));
 
 async function illuminate() {
   await client.light(element('light', HTMLSelectElement).value, position());

@@ -153,8 +153,24 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   assert.ok(difference(random, await look(page, 'view')) > 0.2, 'a slider changes the face');
   await page.click('#show-fitted');
 
-  const glb = await download(page, '[data-save="face.glb"]');
-  assert.equal(glb.bytes.subarray(0, 4).toString(), 'glTF');
+  // Of the fitted face with the photo's colours; of another colour with its own.
+  const glb = async () => {
+    const { bytes } = await download(page, '[data-save="face.glb"]');
+    assert.equal(bytes.subarray(0, 4).toString(), 'glTF');
+    return JSON.parse(bytes.subarray(20, 20 + bytes.readUInt32LE(12)).toString());
+  };
+  assert.equal((await glb()).images.length, 1);
+  await page.waitForTimeout(500);
+  const dressed = await look(page, 'view');
+  await shot(page, 'textured');
+  await page.uncheck('#dress');
+  await page.waitForTimeout(500);
+  assert.ok(difference(dressed, await look(page, 'view')) > 0.5, 'the photo’s colours are seen');
+  assert.equal((await glb()).images, undefined);
+  await page.check('#dress');
+  await page.click('#show-random');
+  assert.equal((await glb()).images, undefined);
+  await page.click('#show-fitted');
   const ply = await download(page, '[data-save="face.ply"]');
   assert.equal(ply.bytes.subarray(0, 3).toString(), 'ply');
   const png = await download(page, '[data-save="face.png"]');
