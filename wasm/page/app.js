@@ -4,7 +4,7 @@ import { connect } from '../js/client.js';
 import { openCamera } from './camera.js';
 import { drawTrace } from './chart.js';
 import { button, context, element, save } from './dom.js';
-import { Editor } from './editor.js';
+import { Editor, copied } from './editor.js';
 import { isFace, spoken, wanted } from './landmarks.js';
 import { Shots } from './shots.js';
 import { Sliders } from './sliders.js';
@@ -28,6 +28,7 @@ const sliders = new Sliders(element('sliders', HTMLDivElement), async (values) =
   view.draw();
 });
 const input = (/** @type {string} */ id) => element(id, HTMLInputElement);
+const stage = element('stage', HTMLElement);
 const strip = new Shots(element('shots', HTMLElement), (shot) => attempt(() => choose(shot)));
 
 const state = {
@@ -89,22 +90,25 @@ function refresh() {
   button('detect').disabled = !hasPhoto || !idle || !isFace(names);
   button('next-face').hidden = (shot?.faces?.length ?? 0) < 2;
   button('next-face').disabled = !idle;
+  button('undo').disabled = !idle || !shot?.past.length;
+  button('reset').disabled = !idle || !shot?.past.length || !shot.given;
   button('clear').disabled = !hasPhoto || !idle || editor.points.length + (shot?.skipped.size ?? 0) === 0;
   const ready = hasPhoto && !shots.some(lacking);
   button('fit').disabled = !model || !idle || !ready;
+  button('fit').hidden = busy !== 'idle';
   button('add').disabled = !idle || shots.length >= MOST;
   button('add').hidden = !ready;
   button('remove').disabled = !idle;
   button('remove').hidden = shots.length < 2;
   element('shot-tools', HTMLElement).hidden = !ready && shots.length < 2;
   strip.show(shots, shot, { disabled: detecting, lacking });
-  button('pause').disabled = busy === 'idle';
+  button('pause').hidden = button('cancel').hidden = busy === 'idle';
   button('pause').textContent = busy === 'paused' ? 'Resume' : 'Pause';
-  button('cancel').disabled = busy === 'idle';
   button('verify').disabled = !idle || !fitted;
   for (const id of ['camera', 'file', 'model']) element(id, HTMLElement).toggleAttribute('disabled', !idle);
   element('drop', HTMLElement).hidden = hasPhoto;
   element('stage-tools', HTMLElement).hidden = !hasPhoto;
+  stage.classList.toggle('filled', hasPhoto);
   element('by-hand', HTMLElement).hidden = !placing;
   editor.placing(placing);
   editor.lock(busy !== 'idle');
@@ -194,7 +198,7 @@ async function openPhoto(name, source, more = false) {
   });
   if (!more) state.shots.splice(0).forEach(close);
   forget();
-  const shot = { ...photo, name: unused(name), points: [], skipped: new Set() };
+  const shot = { ...photo, name: unused(name), points: [], skipped: new Set(), past: [] };
   state.shots.push(shot);
   await choose(shot);
 }
@@ -305,7 +309,6 @@ on('camera', async () => {
   await findLandmarks();
 });
 
-const stage = element('stage', HTMLElement);
 for (const name of ['dragover', 'dragleave', 'drop']) {
   document.addEventListener(name, (event) => {
     event.preventDefault();
@@ -331,16 +334,20 @@ function openLandmarks(name, text) {
   if (!lines.every(([, ...numbers]) => numbers.length === 3 && numbers.every((text) => Number.isFinite(Number(text))))) {
     throw new Error(`${name}: expected lines of “name visible x y”`);
   }
-  const seen = lines.filter(([, visible]) => Number(visible) > 0);
-  for (const [mark, visible] of lines) if (Number(visible) <= 0) shot.skipped.add(mark);
-  setLandmarks(seen.map(([mark, , x, y]) => ({ name: mark, x: Number(x), y: Number(y) })));
+  const [seen, hidden] = [true, false].map((wanted) => lines.filter(([, visible]) => Number(visible) > 0 === wanted));
+  const points = seen.map(([mark, , x, y]) => ({ name: mark, x: Number(x), y: Number(y) }));
+  setLandmarks(shot, points, new Set(hidden.map(([mark]) => mark)));
 }
 
 // ---- landmarks
 
-/** @param {import('./editor.js').Point[]} points */
-function setLandmarks(points) {
+/** Landmarks found or given. @param {Shot} shot @param {import('./editor.js').Point[]} points @param {Set<string>} [skipped] */
+function setLandmarks(shot, points, skipped = new Set()) {
   input('show-points').checked = true;
+  // Of the first there is nothing to take back.
+  if (shot.given) editor.remember();
+  shot.given = copied({ points, skipped });
+  shot.skipped = skipped;
   editor.set(points);
   editor.face();
 }
@@ -348,9 +355,10 @@ function setLandmarks(points) {
 /** @param {Shot} shot */
 function startOver(shot) {
   input('show-points').checked = true;
-  shot.skipped.clear();
+  if (shot === state.shot) editor.remember();
+  shot.skipped = new Set();
   shot.points = [];
-  if (shot === state.shot) editor.open(shot);
+  if (shot === state.shot) editor.set([]);
 }
 
 async function findLandmarks() {
@@ -384,8 +392,7 @@ function takeFace(shot, number) {
   const { faces = [] } = shot;
   const known = new Set(wanted(state.model?.landmarks ?? []));
   shot.face = number;
-  shot.skipped.clear();
-  setLandmarks(faces[number].landmarks.filter(({ name }) => known.has(name)).map((point) => editor.inside(point)));
+  setLandmarks(shot, faces[number].landmarks.filter(({ name }) => known.has(name)).map((point) => editor.inside(point)));
   const one = 'Found them. Drag what is wrong (eyebrows under glasses, say), then press Fit.';
   say(faces.length > 1 ? `Found ${faces.length} faces; this is face ${number + 1}, by size. Choose another below, or press Fit.` : one);
 }
@@ -400,22 +407,37 @@ on('clear', () => {
   say('Set the landmarks: click where each is in the photo, or let them be found.');
 });
 on('skip', () => {
+  editor.remember();
   state.shot?.skipped.add(missing()[0]);
 });
 editor.addEventListener('change', refresh);
-editor.addEventListener('place', (event) => {
+editor.addEventListener('place', (event) => place(/** @type {CustomEvent} */ (event).detail));
+on('place', () => place({ ...editor.middle, focus: true }));
+on('undo', () => editor.undo());
+on('reset', () => editor.reset());
+document.addEventListener('keydown', (event) => {
+  if (event.key.toLowerCase() !== 'z' || event.shiftKey || !(event.ctrlKey || event.metaKey) || button('undo').disabled) return;
+  event.preventDefault();
+  editor.undo();
+});
+
+/** Sets the next landmark, which the keyboard may then move. @param {{ x: number, y: number, focus?: boolean }} where */
+function place({ x, y, focus = false }) {
   const [name] = missing();
   if (!name || state.busy !== 'idle' || state.detecting) return;
-  const { x, y } = /** @type {CustomEvent} */ (event).detail;
+  editor.remember();
   editor.set([...editor.points, { name, x, y }]);
+  if (focus) editor.focus(editor.points.length - 1);
   refresh();
-});
+}
 input('show-points').addEventListener('change', refresh);
 on('zoom-in', () => editor.zoom(1.4));
 on('zoom-out', () => editor.zoom(1 / 1.4));
 on('zoom-face', () => editor.face());
 on('zoom-whole', () => editor.whole());
 input('opacity').addEventListener('input', () => editor.fade(input('opacity').valueAsNumber));
+input('wipe').addEventListener('input', () => editor.wipe(input('wipe').valueAsNumber));
+input('counts').addEventListener('change', () => editor.counts(input('counts').checked));
 input('behind').addEventListener('change', () => editor.behind(input('behind').checked));
 
 // ---- the fit
@@ -445,13 +467,20 @@ function showMask() {
 /** @param {any} job */
 async function runFit(job) {
   state.busy = 'fitting';
-  refresh();
+  swap('fit', 'pause');
   try {
     return await client.fit(job);
   } finally {
     state.busy = 'idle';
-    refresh();
+    swap(document.activeElement === button('cancel') ? 'cancel' : 'pause', 'fit');
   }
+}
+
+/** One button comes in place of another, and takes over the keyboard's focus. @param {string} from @param {string} to */
+function swap(from, to) {
+  const focused = document.activeElement === button(from);
+  refresh();
+  if (focused) button(to).focus();
 }
 
 on('fit', async () => {
@@ -462,9 +491,11 @@ on('fit', async () => {
   const job = { landmarks: landmarks[1] ? landmarks : landmarks[0], names: { model: modelName, photo } };
   input('opacity').value = '1';
   editor.fade(1);
+  input('wipe').value = '0';
+  editor.wipe(0);
   editor.face();
   element('fitted-tools', HTMLElement).hidden = false;
-  say('Fitting. The model starts as the average face and changes step by step, first to a blurred photo.');
+  say('Fitting: from the average face, to a photo less and less blurred.');
   const result = await runFit(job);
   if (!result) {
     say('Cancelled.');
@@ -484,7 +515,7 @@ on('fit', async () => {
   input('dress').checked = true;
   element('dress-tool', HTMLElement).hidden = false;
   dress();
-  say('Done. Fade the model over the photo to compare; the face is below, to turn and to change.');
+  say('Done. Compare with the photo by the sliders; the face is below, to turn, change and save.');
 });
 on('pause', async () => {
   if (state.busy === 'paused') {

@@ -428,6 +428,146 @@ test('landmarks by hand, keyboard alone', { timeout: 120_000 }, async () => {
   await close();
 });
 
+test('landmarks are set by the keyboard, taken back and brought back', { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit(DESKTOP);
+  await ready(page);
+  await page.click('[data-sample="grace_hopper.jpg"]');
+  await said(page, 'Press Fit');
+  const handles = page.locator('#handles g');
+  const places = () => handles.evaluateAll((all) => all.map((g) => `${g.textContent} ${g.getAttribute('transform')}`));
+  const given = await places();
+  assert.equal(await page.locator('#undo').isDisabled(), true);
+  // All steps of keys at one landmark are one change.
+  await handles.nth(2).focus();
+  for (const key of ['ArrowLeft', 'ArrowUp', 'Shift+ArrowUp']) await page.keyboard.press(key);
+  const moved = await places();
+  assert.notDeepEqual(moved, given);
+  await page.keyboard.press('Delete');
+  assert.equal(await handles.count(), given.length - 1);
+  // The keyboard goes on from where it was.
+  assert.equal(await page.evaluate(() => document.activeElement.closest('#handles') !== null), true);
+  await page.keyboard.press('Control+z');
+  assert.deepEqual(await places(), moved);
+  await page.keyboard.press('Control+z');
+  assert.deepEqual(await places(), given);
+  assert.equal(await page.locator('#undo').isDisabled(), true);
+
+  await page.click('#clear');
+  await page.locator('#place').focus();
+  await page.keyboard.press('Enter');
+  await page.keyboard.press('Shift+ArrowDown');
+  await page.keyboard.press('Enter');
+  await page.keyboard.press('Shift+ArrowRight');
+  await page.keyboard.press('Enter');
+  await page.keyboard.press('Shift+ArrowUp');
+  await page.keyboard.press('Enter');
+  const set = await places();
+  assert.equal(set.length, 4);
+  assert.equal(new Set(set.slice(0, 3).map((text) => text.replace(/.*translate/, ''))).size, 3);
+  assert.equal(await page.locator('#fit').isDisabled(), false);
+  await page.click('#reset');
+  assert.deepEqual(await places(), given);
+  await page.click('#undo');
+  assert.deepEqual(await places(), set);
+  // By the mouse: a drag is one change, and so is what cannot be seen.
+  const box = await handles.nth(0).locator('.dot').boundingBox();
+  await page.mouse.move(box.x + 5, box.y + 5);
+  await page.mouse.down();
+  await page.mouse.move(box.x + 80, box.y + 60, { steps: 4 });
+  await page.mouse.up();
+  assert.notDeepEqual(await places(), set);
+  const next = await page.locator('#next').innerText();
+  await page.click('#skip');
+  assert.notEqual(await page.locator('#next').innerText(), next);
+  await page.click('#undo');
+  assert.equal(await page.locator('#next').innerText(), next);
+  await page.click('#undo');
+  assert.deepEqual(await places(), set);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE })) {
+  test(`photo, status and Fit stay in sight, and nothing is too small to hit: ${device}`, { timeout: 120_000 }, async () => {
+    const { page, faults, close } = await visit(viewport);
+    await ready(page);
+    const inSight = async () => {
+      for (const step of await page.locator('#steps > section').all()) {
+        await step.evaluate((it) => it.scrollIntoView({ block: 'center' }));
+        const seen = await page.evaluate(() => {
+          const [stage, bar, fit] = ['stage', 'bar', 'fit'].map((id) => document.getElementById(id).getBoundingClientRect());
+          const { bottom } = document.getElementById('cancel').hidden ? fit : document.getElementById('cancel').getBoundingClientRect();
+          return { photo: Math.min(stage.bottom, bar.top) - Math.max(stage.top, 0), bar: bar.bottom <= innerHeight && bar.top > 0, fit: bottom > 0 && bottom <= innerHeight };
+        });
+        assert.ok(seen.photo > 250 && seen.bar && seen.fit, JSON.stringify(seen));
+      }
+      const small = await page.evaluate(() =>
+        [...document.querySelectorAll('button, input, select, summary, label.button, #handles g')]
+          .filter((it) => it.checkVisibility({ visibilityProperty: true }) && !it.classList.contains('visually-hidden'))
+          .map((it) => [it.id || it.textContent, it.getBoundingClientRect()])
+          .filter(([, { width, height }]) => width < 24 || height < 24)
+          .map(([name, { width, height }]) => `${name}: ${width} × ${height}`),
+      );
+      assert.deepEqual(small, []);
+    };
+    await inSight();
+    await page.setInputFiles('#file', join(PHOTOS, 'obama.jpg'));
+    await said(page, 'Found them');
+    await inSight();
+    await page.click('#fit');
+    await page.waitForFunction(() => document.getElementById('progress').value > 0.2);
+    await page.click('#pause');
+    await inSight();
+    await shot(page, `fitting-${device}`);
+    await page.click('#pause');
+    await said(page, 'Done', 120_000);
+    await inSight();
+
+    // Before and after, and what counts.
+    await page.waitForTimeout(500);
+    const fitted = await look(page, 'photo');
+    await page.locator('#wipe').fill('0.5');
+    await page.waitForTimeout(300);
+    const half = await look(page, 'photo');
+    const part = (a, b, left) => difference(...[a, b].map((all) => all.filter((_, i) => (i >> 2) % 32 < 15 === left)));
+    assert.ok(part(fitted, half, true) > 0.2, 'on the left the photo');
+    assert.ok(part(fitted, half, false) < 0.5, 'on the right the fit');
+    await page.locator('#wipe').fill('0');
+    await page.check('#counts');
+    await page.waitForTimeout(300);
+    assert.ok(difference(fitted, await look(page, 'photo')) > 5, 'what does not count is dark');
+    await shot(page, `counts-${device}`);
+    await page.uncheck('#counts');
+
+    // The wheel zooms about the mouse, two fingers about their middle.
+    const place = () => page.locator('#handles g').first().getAttribute('transform');
+    const [x, y] = await page.locator('#stage').evaluate((stage) => {
+      stage.scrollIntoView({ block: 'center' });
+      const box = stage.getBoundingClientRect();
+      return [box.left + box.width / 2, box.top + box.height / 2];
+    });
+    let before = await place();
+    await page.mouse.move(x, y);
+    await page.mouse.wheel(0, -300);
+    await page.waitForFunction((old) => document.querySelector('#handles g').getAttribute('transform') !== old, before);
+    before = await place();
+    const touch = await page.context().newCDPSession(page);
+    const fingers = (type, ...apart) =>
+      touch.send('Input.dispatchTouchEvent', { type, touchPoints: apart.flatMap((d) => [{ x: x - d, y, id: 0 }, { x: x + d, y, id: 1 }]) });
+    await fingers('touchStart', 30);
+    await fingers('touchMove', 60);
+    await fingers('touchMove', 90);
+    await fingers('touchEnd');
+    const parsed = (text) => text.match(/-?[\d.]+/g).map(Number);
+    const box = await page.locator('#stage').boundingBox();
+    const from = parsed(before).map((value, axis) => value - [box.width, box.height][axis] / 2);
+    const to = parsed(await place()).map((value, axis) => value - [box.width, box.height][axis] / 2);
+    for (const axis of [0, 1]) assert.ok(Math.abs(to[axis] - 3 * from[axis]) < 2, `${from} → ${to}`);
+    assert.deepEqual(faults, []);
+    await close();
+  });
+}
+
 test('a running fit is cancelled, and the page goes on', { timeout: 120_000 }, async () => {
   const { page, close } = await visit(DESKTOP);
   await ready(page);
