@@ -607,5 +607,7 @@ for (const link of document.querySelectorAll('[data-save]')) {
   link.addEventListener('click', () => attempt(() => saveFile(link.getAttribute('data-save') ?? '')));
 }
 
+element('not-started', HTMLElement).remove();
+say('Drop or choose a photo, or try one of the samples.');
 refresh();
 loading = attempt(loadModel);

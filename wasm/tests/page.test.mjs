@@ -6,7 +6,7 @@ import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import test, { after, before } from 'node:test';
-import { OUT, PAIR, PHOTOS, golden, goldenSearch, model, native, open } from './common.mjs';
+import { DIST, OUT, PAIR, PHOTOS, golden, goldenSearch, model, native, open } from './common.mjs';
 import { compare, lines } from '../../tests/wasm/stages.mjs';
 
 /** Prints a file of an archive whose checksums hold. */
@@ -151,6 +151,17 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   await slider.fill('3');
   await page.waitForTimeout(500);
   assert.ok(difference(random, await look(page, 'view')) > 0.2, 'a slider changes the face');
+  // All components have one, the most in folds.
+  const folds = page.locator('#sliders summary');
+  for (const fold of await folds.all()) await fold.click();
+  const { shape, albedo } = summary.parameters;
+  await page.waitForFunction((count) => document.querySelectorAll('#sliders input').length === count, shape.length + albedo.length);
+  const early = await look(page, 'view');
+  await page.locator('#sliders label', { hasText: '25' }).first().locator('input').fill('-3');
+  await page.waitForTimeout(500);
+  assert.ok(difference(early, await look(page, 'view')) > 0.05, 'so does one of a fold');
+  await shot(page, 'folds');
+  for (const fold of await folds.all()) await fold.click();
   await page.click('#show-fitted');
 
   // Of the fitted face with the photo's colours; of another colour with its own.
@@ -617,6 +628,32 @@ test('the camera', async () => {
   await said(page, 'No face was found');
   assert.deepEqual(faults, []);
   await close();
+});
+
+test('a camera refused, absent and in use are told apart', async () => {
+  const { page, close } = await visit(DESKTOP);
+  await ready(page);
+  for (const [name, text] of [['NotAllowedError', 'was refused; allow it'], ['NotFoundError', 'has no camera'], ['NotReadableError', 'another program']]) {
+    await page.evaluate((kind) => {
+      navigator.mediaDevices.getUserMedia = async () => { throw new DOMException('no', kind); };
+    }, name);
+    await page.click('#camera');
+    await said(page, text);
+  }
+  await close();
+});
+
+test('opened from a file, the page says why it cannot run', async () => {
+  const page = await site.browser.newPage({ viewport: PHONE });
+  await page.goto(`file://${join(DIST, 'index.html')}`);
+  await page.locator('#not-started').waitFor({ state: 'visible' });
+  assert.match(await page.locator('#not-started').innerText(), /opened from a file/);
+  await shot(page, 'file');
+  await page.close();
+  const served = await visit(PHONE);
+  await ready(served.page);
+  assert.equal(await served.page.locator('#not-started').count(), 0);
+  await served.close();
 });
 
 test('nothing leaves the page', async () => {
