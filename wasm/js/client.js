@@ -4,6 +4,8 @@
  * A `Client` has the worker's methods, each of which gives a promise.
  */
 
+import { scriptUrl } from './trusted.js';
+
 /** @typedef {import('./worker.js').Methods} Methods */
 /** @typedef {{ [K in keyof Methods]: (...args: Parameters<Methods[K]>) => Promise<Awaited<ReturnType<Methods[K]>>> }} Remote */
 
@@ -24,7 +26,7 @@ const METHODS = /** @type {const} */ ([
 export function connect(url = new URL('./worker.js', import.meta.url)) {
   const line = new Blob([`import ${JSON.stringify(url.href)};`], { type: 'text/javascript' });
   const birth = URL.createObjectURL(line);
-  const worker = new Worker(birth, { type: 'module' });
+  const worker = new Worker(scriptUrl(birth), { type: 'module' });
   const target = new EventTarget();
   /** @type {Map<number, { resolve: (value: any) => void, reject: (error: Error) => void }>} */
   const calls = new Map();

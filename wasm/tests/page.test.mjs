@@ -2,15 +2,18 @@
 
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
-import { readFileSync, writeFileSync } from 'node:fs';
+import { cpSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { createRequire } from 'node:module';
 import { join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import test, { after, before } from 'node:test';
-import { DIST, OUT, PAIR, PHOTOS, golden, goldenSearch, model, native, open } from './common.mjs';
+import { DIST, OUT, PAIR, PHOTOS, golden, goldenSearch, model, native, open, serve } from './common.mjs';
 import { compare, lines } from '../../tests/wasm/stages.mjs';
 
 /** Prints a file of an archive whose checksums hold. */
 const UNZIP = 'import sys, zipfile; z = zipfile.ZipFile(sys.argv[1]); assert z.testzip() is None; sys.stdout.buffer.write(z.read(sys.argv[2]))';
+/** What looks for hindrances to people who see, hear or move less. */
+const AXE = readFileSync(createRequire(import.meta.url).resolve('axe-core'), 'utf8');
 const DESKTOP = { width: 1280, height: 900 };
 const PHONE = { width: 390, height: 844 };
 
@@ -22,7 +25,7 @@ after(() => site?.close());
 
 /** A fresh page, and whatever it does that it should not. */
 async function visit(viewport, setUp = async () => {}) {
-  const context = await site.browser.newContext({ viewport, acceptDownloads: true });
+  const context = await site.browser.newContext({ viewport, acceptDownloads: true, serviceWorkers: 'block' });
   const page = await context.newPage();
   const faults = [];
   page.on('pageerror', (error) => faults.push(`error: ${error.message}`));
@@ -68,6 +71,20 @@ const landmarks = (photo) => parse(readFileSync(join(PHOTOS, `${photo}.tlms`), '
 async function download(page, selector) {
   const [file] = await Promise.all([page.waitForEvent('download'), page.click(selector)]);
   return { name: file.suggestedFilename(), bytes: readFileSync(await file.path()) };
+}
+
+/** Nothing on the page hinders anybody, as far as axe sees, in the light and in the dark. */
+async function accessible(page) {
+  await page.evaluate(AXE);
+  for (const colorScheme of ['dark', 'light']) {
+    await page.emulateMedia({ colorScheme });
+    const found = await page.evaluate(async () => {
+      const tags = ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice'];
+      const { violations } = await globalThis.axe.run(document, { runOnly: tags });
+      return violations.flatMap(({ id, nodes }) => nodes.map(({ target, failureSummary }) => `${id}: ${target} ${failureSummary}`));
+    });
+    assert.deepEqual(found, [], colorScheme);
+  }
 }
 
 /** The colours of a canvas, shrunk to a few. */
@@ -360,6 +377,7 @@ for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE
     await tabs.nth(0).click();
     await said(page, 'Done', 200_000);
     await shot(page, `pair-${device}`);
+    await accessible(page);
     const front = { photo: await look(page, 'photo'), mask: await look(page, 'mask') };
     const facts = await page.locator('#facts').innerText();
     await page.selectOption('#light', 'photo');
@@ -522,17 +540,27 @@ for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE
       assert.deepEqual(small, []);
     };
     await inSight();
+    await accessible(page);
     await page.setInputFiles('#file', join(PHOTOS, 'obama.jpg'));
     await said(page, 'Found them');
     await inSight();
+    await accessible(page);
+    await page.click('#clear');
+    await inSight();
+    await accessible(page);
+    await page.click('#undo');
     await page.click('#fit');
     await page.waitForFunction(() => document.getElementById('progress').value > 0.2);
     await page.click('#pause');
     await inSight();
+    await accessible(page);
     await shot(page, `fitting-${device}`);
     await page.click('#pause');
     await said(page, 'Done', 120_000);
     await inSight();
+    for (const fold of await page.locator('summary').all()) await fold.click();
+    await accessible(page);
+    for (const fold of await page.locator('summary').all()) await fold.click();
 
     // Before and after, and what counts.
     await page.waitForTimeout(500);
@@ -622,6 +650,7 @@ test('the camera', async () => {
   await ready(page);
   await page.click('#camera');
   await page.locator('#video').waitFor({ state: 'visible' });
+  await accessible(page);
   await shot(page, 'camera');
   await page.click('#shoot');
   // Chromium's test picture has no face.
@@ -656,11 +685,50 @@ test('opened from a file, the page says why it cannot run', async () => {
   await served.close();
 });
 
+test('one of two faces is chosen', { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit(DESKTOP);
+  await ready(page);
+  const [both, widths] = await page.evaluate(async () => {
+    const load = async (name) => createImageBitmap(await (await fetch(`samples/${name}`)).blob());
+    const photos = await Promise.all(['obama.jpg', 'grace_hopper.jpg'].map(load));
+    const canvas = document.createElement('canvas');
+    canvas.width = photos[0].width + photos[1].width;
+    canvas.height = Math.max(photos[0].height, photos[1].height);
+    const draw = canvas.getContext('2d');
+    draw.drawImage(photos[0], 0, 0);
+    draw.drawImage(photos[1], photos[0].width, 0);
+    return [canvas.toDataURL().split(',')[1], photos.map(({ width }) => width)];
+  });
+  await page.setInputFiles('#file', { name: 'both.png', mimeType: 'image/png', buffer: Buffer.from(both, 'base64') });
+  await said(page, 'Found 2 faces; this is face 1');
+  await shot(page, 'two-faces');
+  await page.click('#next-face');
+  await said(page, 'this is face 2');
+  await page.click('#next-face');
+  await said(page, 'this is face 1');
+  await page.click('#next-face');
+  await page.click('#fit');
+  await said(page, 'Done', 120_000);
+  // She is on the right.
+  const found = parse((await download(page, '[data-save=".tlms"]')).bytes.toString());
+  const byHand = new Map(landmarks('grace_hopper').map(({ name, x, y }) => [name, [x + widths[0], y]]));
+  for (const { name, x, y } of found) {
+    const [tx, ty] = byHand.get(name) ?? [x, y];
+    assert.ok(Math.hypot(x - tx, y - ty) < 20, `${name}: ${[x, y]}, by hand ${[tx, ty]}`);
+  }
+  assert.deepEqual(faults, []);
+  await close();
+});
+
 test('nothing leaves the page', async () => {
   const { page, close } = await visit(DESKTOP);
   await ready(page);
   const policy = await page.getAttribute('meta[http-equiv="Content-Security-Policy"]', 'content');
   assert.match(policy, /connect-src 'self';/);
+  assert.doesNotMatch(policy, /'unsafe-(eval|inline)'/);
+  // The worker alone is born of a line of script, and no address is a script's by chance.
+  assert.deepEqual(policy.split('; ').filter((rule) => rule.includes('blob:')), ["worker-src 'self' blob:"]);
+  assert.equal(await page.evaluate(() => { try { new Worker('js/worker.js'); } catch (error) { return error.name; } }), 'TypeError');
   const elsewhere = 'http://localhost:9/';
   const tried = await page.evaluate(async (url) => {
     const refused = [];
