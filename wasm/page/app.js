@@ -1,6 +1,7 @@
 /** The page: what happens when. Computing is the worker's (../js), drawing the other files'. */
 
 import { connect } from '../js/client.js';
+import { scriptUrl } from '../js/trusted.js';
 import { openCamera } from './camera.js';
 import { drawTrace } from './chart.js';
 import { button, context, element, save } from './dom.js';
@@ -171,6 +172,8 @@ async function loadModel() {
   const response = await fetch('face.3dmm.gz');
   if (!response.ok) throw new Error(`the face model could not be loaded (${response.status}); reload the page`);
   await openModel('face.3dmm.gz', new Uint8Array(await response.arrayBuffer()));
+  // All is there: it may be kept for the days without a network.
+  navigator.serviceWorker?.register(scriptUrl('sw.js')).catch(() => {});
 }
 
 input('model').addEventListener('change', () =>

@@ -720,6 +720,48 @@ test('one of two faces is chosen', { timeout: 120_000 }, async () => {
   await close();
 });
 
+test('the page works without a network, and is never an old one with it', { timeout: 120_000 }, async () => {
+  const place = join(OUT, 'site');
+  rmSync(place, { recursive: true, force: true });
+  cpSync(DIST, place, { recursive: true, filter: (path) => !/dist.(test|.*\.d\.ts$)/.test(path) });
+  const server = await serve(place);
+  after(server.stop);
+  const context = await site.browser.newContext({ viewport: DESKTOP });
+  const page = await context.newPage();
+  await page.goto(server.origin);
+  await ready(page);
+  const kept = () => page.evaluate(async () => (await caches.keys()).join());
+  const keeps = async (version) => {
+    for (let i = 0; (await kept()) !== `onescan ${version}`; i += 1) {
+      assert.ok(i < 100, `${version} is not kept, but: ${await kept()}`);
+      await page.waitForTimeout(100);
+    }
+    await page.evaluate(() => navigator.serviceWorker.ready);
+  };
+  const [, first] = /VERSION = '(\w+)'/.exec(readFileSync(join(place, 'sw.js'), 'utf8'));
+  await keeps(first);
+
+  // A new build is there at once, and takes the place of what was kept.
+  const change = (name, from, to) => writeFileSync(join(place, name), readFileSync(join(place, name), 'utf8').replace(from, to));
+  change('index.html', '<h1>onescan', '<h1>onescan, the second');
+  change('page/app.js', 'Drop or choose a photo', 'Drop or take a photo');
+  change('sw.js', first, 'second');
+  await page.reload();
+  assert.equal(await page.locator('h1').innerText(), 'onescan, the second');
+  await said(page, 'Drop or take a photo');
+  await keeps('second');
+
+  server.stop();
+  await page.reload();
+  await ready(page);
+  assert.equal(await page.locator('h1').innerText(), 'onescan, the second');
+  await page.setInputFiles('#file', join(PHOTOS, 'obama.jpg'));
+  await said(page, 'Found them');
+  await page.click('#fit');
+  await said(page, 'Done', 120_000);
+  await context.close();
+});
+
 test('nothing leaves the page', async () => {
   const { page, close } = await visit(DESKTOP);
   await ready(page);
