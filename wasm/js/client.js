@@ -4,6 +4,8 @@
  * A `Client` has the worker's methods, each of which gives a promise.
  */
 
+import { scriptUrl } from './trusted.js';
+
 /** @typedef {import('./worker.js').Methods} Methods */
 /** @typedef {{ [K in keyof Methods]: (...args: Parameters<Methods[K]>) => Promise<Awaited<ReturnType<Methods[K]>>> }} Remote */
 /** @typedef {CustomEvent<import('./worker.js').LiveProgress>} ProgressEvent How a fit goes. */
@@ -12,7 +14,7 @@
 
 const METHODS = /** @type {const} */ ([
   'open', 'photo', 'addPhoto', 'removePhoto', 'faces', 'watch', 'fit', 'pause', 'resume', 'cancel', 'fitFiles', 'draw', 'drawMean', 'png', 'locate', 'set',
-  'random', 'mean', 'fitted', 'light', 'files',
+  'random', 'mean', 'fitted', 'dress', 'light', 'files',
 ]);
 
 /**
@@ -72,7 +74,7 @@ function heir() {
   const here = import.meta.url;
   const line = `import ${JSON.stringify(new URL('./worker.js', here).href)};`;
   const birth = URL.createObjectURL(new Blob([line], { type: 'text/javascript' }));
-  const worker = new Worker(birth, { type: 'module' });
+  const worker = new Worker(scriptUrl(birth), { type: 'module' });
   for (const event of ['message', 'error']) {
     worker.addEventListener(event, () => URL.revokeObjectURL(birth), { once: true });
   }

@@ -42,11 +42,15 @@ export class Onescan {
   }
 
   /**
-   * A photo of the bytes of a PNG or JPEG, or of RGBA pixels.
+   * A photo of the bytes of a PNG or JPEG, which another program reads, or of RGBA pixels.
    * @param {Uint8Array | { width: number, height: number, data: ArrayLike<number> }} source
    */
-  photo(source) {
-    if (source instanceof Uint8Array) return new Photo(source);
+  async photo(source) {
+    if (source instanceof Uint8Array) {
+      const { decode } = await import('./photos.js');
+      const { width, height, rgb } = await decode(source);
+      return Photo.fromRgb(width, height, rgb);
+    }
     return Photo.fromRgba(source.width, source.height, Uint8Array.from(source.data));
   }
 

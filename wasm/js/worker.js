@@ -83,12 +83,14 @@ const methods = {
     fitted = undefined;
     model = opened;
     viewer = onescan.viewer(opened);
+    // A photo is next: what reads it comes meanwhile.
+    import('./photos.js').then(({ load }) => load()).catch(() => {});
     return { vertices, shapeRank, albedoRank, landmarks, provenance };
   },
 
   /** The photo, instead of what there was. @param {Uint8Array | ImageData} source */
   async photo(source) {
-    const taken = (await program).photo(source);
+    const taken = await (await program).photo(source);
     for (const old of photos) old.free();
     photos = [taken];
     watched = 0;
@@ -97,7 +99,7 @@ const methods = {
 
   /** One more photo of the same person. @param {Uint8Array | ImageData} source */
   async addPhoto(source) {
-    const taken = (await program).photo(source);
+    const taken = await (await program).photo(source);
     photos.push(taken);
     return facts(taken);
   },
@@ -232,6 +234,13 @@ const methods = {
   fitted() {
     need(viewer, 'model').adopt(need(fitted, 'fit'));
     return coefficients();
+  },
+
+  /** Lays the photos' colours on the fitted face, whatever its shape, or takes them off. @param {boolean} on */
+  dress(on) {
+    const view = need(viewer, 'model');
+    if (on) view.dress(need(fitted, 'fit'));
+    else view.undress();
   },
 
   /** @param {string} name `photo` is the light of a photo of the finished fit. @param {number} [photo] Its number. */

@@ -1,10 +1,11 @@
 /** The page: what happens when. Computing is the worker's (../js), drawing the other files'. */
 
 import { connect } from '../js/client.js';
+import { scriptUrl } from '../js/trusted.js';
 import { openCamera } from './camera.js';
 import { drawTrace } from './chart.js';
 import { button, context, element, save } from './dom.js';
-import { Editor } from './editor.js';
+import { Editor, copied } from './editor.js';
 import { isFace, spoken, wanted } from './landmarks.js';
 import { Shots } from './shots.js';
 import { Sliders } from './sliders.js';
@@ -28,6 +29,7 @@ const sliders = new Sliders(element('sliders', HTMLDivElement), async (values) =
   view.draw();
 });
 const input = (/** @type {string} */ id) => element(id, HTMLInputElement);
+const stage = element('stage', HTMLElement);
 const strip = new Shots(element('shots', HTMLElement), (shot) => attempt(() => choose(shot)));
 
 const state = {
@@ -89,22 +91,25 @@ function refresh() {
   button('detect').disabled = !hasPhoto || !idle || !isFace(names);
   button('next-face').hidden = (shot?.faces?.length ?? 0) < 2;
   button('next-face').disabled = !idle;
+  button('undo').disabled = !idle || !shot?.past.length;
+  button('reset').disabled = !idle || !shot?.past.length || !shot.given;
   button('clear').disabled = !hasPhoto || !idle || editor.points.length + (shot?.skipped.size ?? 0) === 0;
   const ready = hasPhoto && !shots.some(lacking);
   button('fit').disabled = !model || !idle || !ready;
+  button('fit').hidden = busy !== 'idle';
   button('add').disabled = !idle || shots.length >= MOST;
   button('add').hidden = !ready;
   button('remove').disabled = !idle;
   button('remove').hidden = shots.length < 2;
   element('shot-tools', HTMLElement).hidden = !ready && shots.length < 2;
   strip.show(shots, shot, { disabled: detecting, lacking });
-  button('pause').disabled = busy === 'idle';
+  button('pause').hidden = button('cancel').hidden = busy === 'idle';
   button('pause').textContent = busy === 'paused' ? 'Resume' : 'Pause';
-  button('cancel').disabled = busy === 'idle';
   button('verify').disabled = !idle || !fitted;
   for (const id of ['camera', 'file', 'model']) element(id, HTMLElement).toggleAttribute('disabled', !idle);
   element('drop', HTMLElement).hidden = hasPhoto;
   element('stage-tools', HTMLElement).hidden = !hasPhoto;
+  stage.classList.toggle('filled', hasPhoto);
   element('by-hand', HTMLElement).hidden = !placing;
   editor.placing(placing);
   editor.lock(busy !== 'idle');
@@ -154,6 +159,7 @@ async function openModel(name, bytes) {
   element('model-facts', HTMLElement).textContent =
     `${name}: ${vertices} vertices, ${shapeRank} shape and ${albedoRank} albedo components.`;
   showFace(await client.mean());
+  element('dress-tool', HTMLElement).hidden = true;
   element('numbers', HTMLElement).hidden = true;
   element('result', HTMLElement).hidden = false;
 }
@@ -166,6 +172,8 @@ async function loadModel() {
   const response = await fetch('face.3dmm.gz');
   if (!response.ok) throw new Error(`the face model could not be loaded (${response.status}); reload the page`);
   await openModel('face.3dmm.gz', new Uint8Array(await response.arrayBuffer()));
+  // All is there: it may be kept for the days without a network.
+  navigator.serviceWorker?.register(scriptUrl('sw.js')).catch(() => {});
 }
 
 input('model').addEventListener('change', () =>
@@ -193,7 +201,7 @@ async function openPhoto(name, source, more = false) {
   });
   if (!more) state.shots.splice(0).forEach(close);
   forget();
-  const shot = { ...photo, name: unused(name), points: [], skipped: new Set() };
+  const shot = { ...photo, name: unused(name), points: [], skipped: new Set(), past: [] };
   state.shots.push(shot);
   await choose(shot);
 }
@@ -304,7 +312,6 @@ on('camera', async () => {
   await findLandmarks();
 });
 
-const stage = element('stage', HTMLElement);
 for (const name of ['dragover', 'dragleave', 'drop']) {
   document.addEventListener(name, (event) => {
     event.preventDefault();
@@ -330,16 +337,20 @@ function openLandmarks(name, text) {
   if (!lines.every(([, ...numbers]) => numbers.length === 3 && numbers.every((text) => Number.isFinite(Number(text))))) {
     throw new Error(`${name}: expected lines of “name visible x y”`);
   }
-  const seen = lines.filter(([, visible]) => Number(visible) > 0);
-  for (const [mark, visible] of lines) if (Number(visible) <= 0) shot.skipped.add(mark);
-  setLandmarks(seen.map(([mark, , x, y]) => ({ name: mark, x: Number(x), y: Number(y) })));
+  const [seen, hidden] = [true, false].map((wanted) => lines.filter(([, visible]) => Number(visible) > 0 === wanted));
+  const points = seen.map(([mark, , x, y]) => ({ name: mark, x: Number(x), y: Number(y) }));
+  setLandmarks(shot, points, new Set(hidden.map(([mark]) => mark)));
 }
 
 // ---- landmarks
 
-/** @param {import('./editor.js').Point[]} points */
-function setLandmarks(points) {
+/** Landmarks found or given. @param {Shot} shot @param {import('./editor.js').Point[]} points @param {Set<string>} [skipped] */
+function setLandmarks(shot, points, skipped = new Set()) {
   input('show-points').checked = true;
+  // Of the first there is nothing to take back.
+  if (shot.given) editor.remember();
+  shot.given = copied({ points, skipped });
+  shot.skipped = skipped;
   editor.set(points);
   editor.face();
 }
@@ -347,9 +358,10 @@ function setLandmarks(points) {
 /** @param {Shot} shot */
 function startOver(shot) {
   input('show-points').checked = true;
-  shot.skipped.clear();
+  if (shot === state.shot) editor.remember();
+  shot.skipped = new Set();
   shot.points = [];
-  if (shot === state.shot) editor.open(shot);
+  if (shot === state.shot) editor.set([]);
 }
 
 async function findLandmarks() {
@@ -383,8 +395,7 @@ function takeFace(shot, number) {
   const { faces = [] } = shot;
   const known = new Set(wanted(state.model?.landmarks ?? []));
   shot.face = number;
-  shot.skipped.clear();
-  setLandmarks(faces[number].landmarks.filter(({ name }) => known.has(name)).map((point) => editor.inside(point)));
+  setLandmarks(shot, faces[number].landmarks.filter(({ name }) => known.has(name)).map((point) => editor.inside(point)));
   const one = 'Found them. Drag what is wrong (eyebrows under glasses, say), then press Fit.';
   say(faces.length > 1 ? `Found ${faces.length} faces; this is face ${number + 1}, by size. Choose another below, or press Fit.` : one);
 }
@@ -399,22 +410,37 @@ on('clear', () => {
   say('Set the landmarks: click where each is in the photo, or let them be found.');
 });
 on('skip', () => {
+  editor.remember();
   state.shot?.skipped.add(missing()[0]);
 });
 editor.addEventListener('change', refresh);
-editor.addEventListener('place', (event) => {
+editor.addEventListener('place', (event) => place(/** @type {CustomEvent} */ (event).detail));
+on('place', () => place({ ...editor.middle, focus: true }));
+on('undo', () => editor.undo());
+on('reset', () => editor.reset());
+document.addEventListener('keydown', (event) => {
+  if (event.key.toLowerCase() !== 'z' || event.shiftKey || !(event.ctrlKey || event.metaKey) || button('undo').disabled) return;
+  event.preventDefault();
+  editor.undo();
+});
+
+/** Sets the next landmark, which the keyboard may then move. @param {{ x: number, y: number, focus?: boolean }} where */
+function place({ x, y, focus = false }) {
   const [name] = missing();
   if (!name || state.busy !== 'idle' || state.detecting) return;
-  const { x, y } = /** @type {CustomEvent} */ (event).detail;
+  editor.remember();
   editor.set([...editor.points, { name, x, y }]);
+  if (focus) editor.focus(editor.points.length - 1);
   refresh();
-});
+}
 input('show-points').addEventListener('change', refresh);
 on('zoom-in', () => editor.zoom(1.4));
 on('zoom-out', () => editor.zoom(1 / 1.4));
 on('zoom-face', () => editor.face());
 on('zoom-whole', () => editor.whole());
 input('opacity').addEventListener('input', () => editor.fade(input('opacity').valueAsNumber));
+input('wipe').addEventListener('input', () => editor.wipe(input('wipe').valueAsNumber));
+input('counts').addEventListener('change', () => editor.counts(input('counts').checked));
 input('behind').addEventListener('change', () => editor.behind(input('behind').checked));
 
 // ---- the fit
@@ -444,13 +470,20 @@ function showMask() {
 /** @param {any} job */
 async function runFit(job) {
   state.busy = 'fitting';
-  refresh();
+  swap('fit', 'pause');
   try {
     return await client.fit(job);
   } finally {
     state.busy = 'idle';
-    refresh();
+    swap(document.activeElement === button('cancel') ? 'cancel' : 'pause', 'fit');
   }
+}
+
+/** One button comes in place of another, and takes over the keyboard's focus. @param {string} from @param {string} to */
+function swap(from, to) {
+  const focused = document.activeElement === button(from);
+  refresh();
+  if (focused) button(to).focus();
 }
 
 on('fit', async () => {
@@ -461,9 +494,11 @@ on('fit', async () => {
   const job = { landmarks: landmarks[1] ? landmarks : landmarks[0], names: { model: modelName, photo } };
   input('opacity').value = '1';
   editor.fade(1);
+  input('wipe').value = '0';
+  editor.wipe(0);
   editor.face();
   element('fitted-tools', HTMLElement).hidden = false;
-  say('Fitting. The model starts as the average face and changes step by step, first to a blurred photo.');
+  say('Fitting: from the average face, to a photo less and less blurred.');
   const result = await runFit(job);
   if (!result) {
     say('Cancelled.');
@@ -480,7 +515,10 @@ on('fit', async () => {
   element('light', HTMLSelectElement).value = 'photo';
   await client.light('photo', position());
   showFace(fitted);
-  say('Done. Fade the model over the photo to compare; the face is below, to turn and to change.');
+  input('dress').checked = true;
+  element('dress-tool', HTMLElement).hidden = false;
+  dress();
+  say('Done. Compare with the photo by the sliders; the face is below, to turn, change and save.');
 });
 on('pause', async () => {
   if (state.busy === 'paused') {
@@ -541,10 +579,17 @@ function showFace(coefficients) {
   view.draw();
 }
 
+/** Lays the photo's colours on the face, or takes them off. */
+async function dress() {
+  await client.dress(input('dress').checked);
+  view.draw();
+}
+
 on('show-fitted', async () => showFace(await client.fitted()));
 on('show-random', async () => showFace(await client.random(crypto.getRandomValues(new Uint32Array(1))[0])));
 on('show-mean', async () => showFace(await client.mean()));
 element('light', HTMLSelectElement).addEventListener('change', () => attempt(illuminate));
+input('dress').addEventListener('change', () => attempt(dress));
 
 async function illuminate() {
   await client.light(element('light', HTMLSelectElement).value, position());
@@ -565,5 +610,7 @@ for (const link of document.querySelectorAll('[data-save]')) {
   link.addEventListener('click', () => attempt(() => saveFile(link.getAttribute('data-save') ?? '')));
 }
 
+element('not-started', HTMLElement).remove();
+say('Drop or choose a photo, or try one of the samples.');
 refresh();
 loading = attempt(loadModel);

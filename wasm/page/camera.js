@@ -2,6 +2,13 @@
 
 import { button, context, element } from './dom.js';
 
+/** What is wrong if there is no picture, by the name of the browser's error. */
+const REFUSED = {
+  NotAllowedError: 'the camera was refused; allow it for this page beside its address, or choose a photo',
+  NotFoundError: 'this device has no camera; choose a photo',
+  NotReadableError: 'another program uses the camera; close it, or choose a photo',
+};
+
 /**
  * Shows what the camera sees; the picture taken, or nothing if the dialog was closed.
  * @returns {Promise<ImageData | undefined>}
@@ -11,7 +18,7 @@ export async function openCamera() {
   const stream = await navigator.mediaDevices
     .getUserMedia({ video: { facingMode: 'user', width: { ideal: 1280 } } })
     .catch((error) => {
-      throw new Error(`no camera: ${error.message}; allow it, or choose a photo`);
+      throw new Error(REFUSED[/** @type {keyof REFUSED} */ (error.name)] ?? `no camera: ${error.message}; choose a photo`);
     });
   const video = element('video', HTMLVideoElement);
   const dialog = element('camera-dialog', HTMLDialogElement);

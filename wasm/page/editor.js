@@ -5,13 +5,20 @@ import { spoken } from './landmarks.js';
 
 /** @typedef {{ name: string, x: number, y: number }} Point */
 /** @typedef {{ pictures: import('../js/worker.js').LivePictures, crop: number[] }} Overlay The face over a part of a photo. */
-/** @typedef {import('../js/worker.js').PhotoFacts & { name: string, points: Point[], skipped: Set<string>, faces?: import('../js/faces.js').Face[], face?: number, overlay?: Overlay }} Shot A photo with its landmarks, those that the user says cannot be seen, the faces found and which is taken, and what has been fitted to it. */
+/** @typedef {{ points: Point[], skipped: Set<string> }} Marks Landmarks, and those that the user says cannot be seen. */
+/** @typedef {import('../js/worker.js').PhotoFacts & Marks & { name: string, past: Marks[], given?: Marks, faces?: import('../js/faces.js').Face[], face?: number, overlay?: Overlay }} Shot A photo with its landmarks, those of before every change and those that were found or given, the faces found and which is taken, and what has been fitted to it. */
+
+/** @param {Marks} marks @returns {Marks} */
+export const copied = ({ points, skipped }) => ({ points: points.map((point) => ({ ...point })), skipped: new Set(skipped) });
 
 const SVG = 'http://www.w3.org/2000/svg';
 /** How much of the stage the face takes when shown large. */
 const FACE = 0.45;
 
-/** Fires `change` when a landmark was moved and `place` (with `{ x, y }`) on a click beside them. */
+/** Changes that can be undone. */
+const MOST = 200;
+
+/** Fires `change` when a landmark was moved and `place` (with `{ x, y }`) on a click beside them or by Enter. */
 export class Editor extends EventTarget {
   #canvas = element('photo', HTMLCanvasElement);
   #handles = element('handles', SVGSVGElement);
@@ -21,15 +28,30 @@ export class Editor extends EventTarget {
   #view = { x: 0, y: 0, scale: 1 };
   #opacity = 1;
   #behind = true;
+  #counts = false;
+  /** How far the photo comes before the fit, of the stage's width. */
+  #wipe = 0;
   #locked = false;
   #frame = 0;
   /** What to show again when the stage changes its size. @type {'whole' | 'face' | 'other'} */
   #shown = 'whole';
+  /** Where fingers or the mouse are. @type {Map<number, number[]>} */
+  #pointers = new Map();
+  /** What is dragged: a landmark, or with −1 the photo. */
+  #drag = { index: -1, start: [0, 0], x: 0, y: 0, moved: false };
+  /** The landmark that keys move: all their steps are one change. */
+  #stepped = -1;
 
   constructor() {
     super();
     new ResizeObserver(() => this.#resized()).observe(this.#canvas);
     this.#handles.addEventListener('pointerdown', (event) => this.#press(event));
+    this.#handles.addEventListener('pointermove', (event) => this.#follow(event));
+    for (const end of ['pointerup', 'pointercancel']) {
+      this.#handles.addEventListener(end, (event) => this.#release(/** @type {PointerEvent} */ (event)));
+    }
+    this.#handles.addEventListener('wheel', (event) => this.#wheel(event), { passive: false });
+    this.#handles.addEventListener('focusin', () => (this.#stepped = -1));
     this.#handles.addEventListener('keydown', (event) => this.#key(event));
   }
 
@@ -53,9 +75,47 @@ export class Editor extends EventTarget {
 
   /** @param {Point[]} points */
   set(points) {
+    const focused = this.#index(document.activeElement);
     if (this.#photo) this.#photo.points = points;
     this.#handles.replaceChildren(...points.map((point) => this.#handle(point)));
     this.#place();
+    // Whoever is replaced loses the keyboard's focus.
+    if (focused >= 0) this.focus(Math.min(focused, points.length - 1));
+  }
+
+  /** Gives a landmark the keyboard's focus. @param {number} index */
+  focus(index) {
+    const handle = this.#handles.children[index];
+    if (handle instanceof SVGElement) handle.focus({ preventScroll: true });
+  }
+
+  /** Lays the landmarks by, before they are changed. */
+  remember() {
+    const { past } = this.#photo ?? {};
+    if (!this.#photo || !past) return;
+    past.push(copied(this.#photo));
+    past.splice(0, past.length - MOST);
+  }
+
+  /** Takes the last change back. */
+  undo() {
+    const before = this.#photo?.past.pop();
+    if (before) this.#restore(before);
+  }
+
+  /** Takes all changes of what was found or given back. */
+  reset() {
+    if (!this.#photo?.given) return;
+    this.remember();
+    this.#restore(copied(this.#photo.given));
+  }
+
+  /** @param {Marks} marks */
+  #restore({ points, skipped }) {
+    if (this.#photo) this.#photo.skipped = skipped;
+    this.#stepped = -1;
+    this.set(points);
+    this.dispatchEvent(new Event('change'));
   }
 
   /** While a fit runs, landmarks stay where they are. @param {boolean} locked */
@@ -83,6 +143,18 @@ export class Editor extends EventTarget {
   /** @param {boolean} behind Whether what hides the face is before it. */
   behind(behind) {
     this.#behind = behind;
+    this.#draw();
+  }
+
+  /** @param {boolean} counts Whether what the fit holds to be no face is dark. */
+  counts(counts) {
+    this.#counts = counts;
+    this.#draw();
+  }
+
+  /** @param {number} share Of the stage, from the left, that shows the photo alone. */
+  wipe(share) {
+    this.#wipe = share;
     this.#draw();
   }
 
@@ -121,21 +193,31 @@ export class Editor extends EventTarget {
     else this.zoom(1);
   }
 
-  /** @param {number} factor About the middle of the stage. */
-  zoom(factor) {
+  /** @param {number} factor @param {number[]} [at] The point of the stage that stays; its middle by default. */
+  zoom(factor, at = this.#middle()) {
+    this.#look(this.#toPhoto(at[0], at[1]), this.#view.scale * factor, at);
+  }
+
+  /** The point of the photo in the middle of the stage. */
+  get middle() {
+    const [x, y] = this.#middle();
+    const [px, py] = this.#toPhoto(x, y);
+    return this.#inside(px - 0.5, py - 0.5);
+  }
+
+  #middle() {
     const { width, height } = this.#size();
-    this.#look(this.#toPhoto(width / 2, height / 2), this.#view.scale * factor);
+    return [width / 2, height / 2];
   }
 
   #size() {
     return { width: this.#canvas.clientWidth, height: this.#canvas.clientHeight };
   }
 
-  /** @param {number[]} middle Photo point in the middle of the stage. @param {number} scale */
-  #look([x, y], scale) {
-    const { width, height } = this.#size();
+  /** @param {number[]} point Of the photo. @param {number} scale @param {number[]} [at] Where on the stage it is to be; in its middle by default. */
+  #look([x, y], scale, at = this.#middle()) {
     const bounded = Math.min(Math.max(scale, 0.02), 40);
-    this.#view = { x: width / 2 - x * bounded, y: height / 2 - y * bounded, scale: bounded };
+    this.#view = { x: at[0] - x * bounded, y: at[1] - y * bounded, scale: bounded };
     this.#shown = 'other';
     this.#place();
     this.#draw();
@@ -151,7 +233,7 @@ export class Editor extends EventTarget {
     const group = document.createElementNS(SVG, 'g');
     group.setAttribute('tabindex', '0');
     group.setAttribute('role', 'button');
-    group.setAttribute('aria-label', `${spoken(point.name)}: arrow keys move it, Delete removes it`);
+    group.setAttribute('aria-label', `${spoken(point.name)}: arrow keys move it, Enter sets the next, Delete removes it`);
     // The larger, invisible circle is for fingers.
     for (const [kind, radius] of [['grip', 16], ['dot', 5]]) {
       const circle = document.createElementNS(SVG, 'circle');
@@ -200,72 +282,128 @@ export class Editor extends EventTarget {
     if (!this.#photo) return;
     draw.setTransform(ratio * scale, 0, 0, ratio * scale, ratio * x, ratio * y);
     draw.drawImage(this.#photo.picture, 0, 0, this.#photo.width, this.#photo.height);
-    if (this.#photo.overlay) {
-      const [left, top, wide, high] = this.#photo.overlay.crop;
-      draw.globalAlpha = this.#opacity;
-      const { overlay, behind } = this.#photo.overlay.pictures;
-      draw.drawImage(this.#behind ? behind : overlay, left, top, wide, high);
-      draw.globalAlpha = 1;
-    }
+    if (this.#photo.overlay) this.#lay(draw, this.#photo.overlay, -x / scale + (this.#wipe * width) / scale);
+  }
+
+  /** @param {CanvasRenderingContext2D} draw @param {Overlay} overlay @param {number} border Left of it the photo is alone. */
+  #lay(draw, { crop: [left, top, wide, high], pictures }, border) {
+    const cut = Math.max(border - left, 0);
+    draw.save();
+    draw.beginPath();
+    draw.rect(left + cut, top, wide - cut, high);
+    draw.clip();
+    draw.globalAlpha = this.#opacity;
+    if (this.#counts) draw.globalCompositeOperation = 'multiply';
+    const shown = this.#counts ? pictures.mask : this.#behind ? pictures.behind : pictures.overlay;
+    if (cut < wide) draw.drawImage(shown, left, top, wide, high);
+    draw.restore();
+    if (this.#wipe === 0) return;
+    draw.fillStyle = '#ffffff';
+    draw.fillRect(border, top, 2 / this.#view.scale, high);
+  }
+
+  /** The number of a landmark's handle; −1 if it is none. @param {EventTarget | null} target */
+  #index(target) {
+    const group = target instanceof Element ? target.closest('g') : null;
+    return group ? [...this.#handles.children].indexOf(group) : -1;
+  }
+
+  /** @param {MouseEvent} event */
+  #at(event) {
+    const box = this.#handles.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
   }
 
   /** A landmark or, beside them, the photo is grabbed. @param {PointerEvent} event */
   #press(event) {
-    if (!this.#photo || this.#locked || event.button !== 0) return;
-    const group = event.target instanceof Element ? event.target.closest('g') : null;
-    const box = this.#handles.getBoundingClientRect();
-    const at = (/** @type {PointerEvent} */ e) => [e.clientX - box.left, e.clientY - box.top];
-    const start = at(event);
-    const index = group ? [...this.#handles.children].indexOf(group) : -1;
+    if (!this.#photo || event.button !== 0) return;
+    const start = this.#at(event);
+    const index = this.#locked ? -1 : this.#index(event.target);
     const { x, y } = index < 0 ? this.#view : this.points[index];
-    let moved = false;
     event.preventDefault();
     this.#handles.setPointerCapture(event.pointerId);
-    group?.focus();
-    const move = (/** @type {PointerEvent} */ e) => {
-      const [dx, dy] = at(e).map((value, axis) => value - start[axis]);
+    this.#pointers.set(event.pointerId, start);
+    this.focus(index);
+    // A second finger moves and zooms the photo, and is no click.
+    const second = this.#pointers.size > 1;
+    this.#drag = { index: second ? -1 : index, start, x, y, moved: second };
+  }
+
+  /** @param {PointerEvent} event */
+  #follow(event) {
+    const before = this.#pointers.get(event.pointerId);
+    if (!before) return;
+    const at = this.#at(event);
+    const { index, start, x, y } = this.#drag;
+    this.#pointers.set(event.pointerId, at);
+    const [other] = [...this.#pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
+    if (other) {
+      const apart = (/** @type {number[]} */ place) => Math.hypot(place[0] - other[0], place[1] - other[1]) || 1;
+      const middle = (/** @type {number[]} */ place) => place.map((value, axis) => (value + other[axis]) / 2);
+      const [from, to] = [middle(before), middle(at)];
+      this.#look(this.#toPhoto(from[0], from[1]), (this.#view.scale * apart(at)) / apart(before), to);
+      return;
+    }
+    const [dx, dy] = at.map((value, axis) => value - start[axis]);
+    if (!this.#drag.moved) {
       // A finger is never quite still.
-      moved ||= Math.hypot(dx, dy) > 3;
-      if (!moved) return;
-      if (index < 0) {
-        this.#view = { ...this.#view, x: x + dx, y: y + dy };
-        this.#shown = 'other';
-        this.#place();
-        this.#draw();
-      } else {
-        this.#move(index, x + dx / this.#view.scale, y + dy / this.#view.scale);
-      }
-    };
-    const end = (/** @type {PointerEvent} */ e) => {
-      this.#handles.removeEventListener('pointermove', move);
-      this.#handles.removeEventListener('pointerup', end);
-      this.#handles.removeEventListener('pointercancel', end);
-      if (e.type === 'pointercancel') return;
-      if (moved) {
-        if (index >= 0) this.dispatchEvent(new Event('change'));
-      } else if (index < 0) {
-        const [px, py] = this.#toPhoto(start[0], start[1]);
-        this.dispatchEvent(new CustomEvent('place', { detail: this.#inside(px - 0.5, py - 0.5) }));
-      }
-    };
-    this.#handles.addEventListener('pointermove', move);
-    this.#handles.addEventListener('pointerup', end);
-    this.#handles.addEventListener('pointercancel', end);
+      if (Math.hypot(dx, dy) <= 3) return;
+      this.#drag.moved = true;
+      if (index >= 0) this.remember();
+    }
+    if (index >= 0) {
+      this.#move(index, x + dx / this.#view.scale, y + dy / this.#view.scale);
+    } else {
+      this.#view = { ...this.#view, x: x + dx, y: y + dy };
+      this.#shown = 'other';
+      this.#place();
+      this.#draw();
+    }
+  }
+
+  /** @param {PointerEvent} event */
+  #release(event) {
+    if (!this.#pointers.delete(event.pointerId)) return;
+    const { index, start, moved } = this.#drag;
+    // A finger that stays does not drag on.
+    const [rest] = this.#pointers.values();
+    if (rest) this.#drag = { ...this.#drag, index: -1, start: rest, x: this.#view.x, y: this.#view.y };
+    else if (event.type === 'pointercancel') return;
+    else if (moved && index >= 0) this.dispatchEvent(new Event('change'));
+    else if (!moved && index < 0) {
+      const [px, py] = this.#toPhoto(start[0], start[1]);
+      this.dispatchEvent(new CustomEvent('place', { detail: this.#inside(px - 0.5, py - 0.5) }));
+    }
+  }
+
+  /** @param {WheelEvent} event */
+  #wheel(event) {
+    if (!this.#photo) return;
+    event.preventDefault();
+    // Lines or pixels; a pinch on a touchpad comes as small steps with Ctrl.
+    const step = event.deltaY * (event.deltaMode ? 0.05 : event.ctrlKey ? 0.01 : 0.0015);
+    this.zoom(Math.exp(-step), this.#at(event));
   }
 
   /** @param {KeyboardEvent} event */
   #key(event) {
-    const index = [...this.#handles.children].indexOf(/** @type {Element} */ (event.target));
+    const index = this.#index(event.target);
     const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
     const step = steps[/** @type {keyof steps} */ (event.key)];
     if (index < 0 || this.#locked) return;
     if (step) {
+      if (this.#stepped !== index) this.remember();
+      this.#stepped = index;
       // A step is a pixel of the stage; ten with Shift.
       const far = (event.shiftKey ? 10 : 1) / this.#view.scale;
       const { x, y } = this.points[index];
       this.#move(index, x + far * step[0], y + far * step[1]);
     } else if (event.key === 'Delete' || event.key === 'Backspace') {
+      this.remember();
       this.set(this.points.filter((_, other) => other !== index));
+    } else if (event.key === 'Enter') {
+      const { x, y } = this.points[index];
+      this.dispatchEvent(new CustomEvent('place', { detail: { x, y, focus: true } }));
     } else {
       return;
     }

@@ -5,6 +5,7 @@ use onescan::error::{Error, Result};
 use onescan::fit::output::{self, Names, PhotoNames};
 use onescan::fit::summary::{Summary, hex};
 use onescan::fit::{Job, Observed, Schedule, Searching};
+use onescan::mesh::skin::Skin;
 use onescan::photo::Crop;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
@@ -255,7 +256,14 @@ impl Fit {
         let summaries = jobs.iter().zip(&fits).enumerate();
         let summaries = summaries.map(|(i, (job, fit))| output::summarize(job, fit, &names, i));
         let summaries = summaries.collect::<Result<_>>()?;
-        Ok(Fitted { of: self, fits, names, summaries, files: OnceCell::new() })
+        Ok(Fitted {
+            of: self,
+            fits,
+            names,
+            summaries,
+            files: OnceCell::new(),
+            skins: Default::default(),
+        })
     }
 }
 
@@ -364,6 +372,8 @@ pub struct Fitted {
     names: Names,
     pub(crate) summaries: Vec<Summary>,
     files: OnceCell<Vec<File>>,
+    /// With the photo's light, and without.
+    skins: [OnceCell<Rc<Skin>>; 2],
 }
 
 #[wasm_bindgen]
@@ -392,6 +402,17 @@ impl Fitted {
 }
 
 impl Fitted {
+    /// What the face looks like, by its photos. Made when first asked for.
+    pub(crate) fn skin(&self, kind: Kind) -> Result<Rc<Skin>> {
+        let [photo, albedo] = &self.skins;
+        let own = if kind == Kind::Photo { photo } else { albedo };
+        if let Some(skin) = own.get() {
+            return Ok(Rc::clone(skin));
+        }
+        let skin = Rc::new(output::skin(&self.of.inputs().jobs(), &self.fits, kind)?);
+        Ok(Rc::clone(own.get_or_init(|| skin)))
+    }
+
     fn make(&self) -> Result<Vec<File>> {
         let jobs = self.of.inputs().jobs();
         let mut files = Vec::new();

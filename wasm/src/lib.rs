@@ -8,7 +8,6 @@ mod viewer;
 
 use onescan::error::{Error, Result};
 use onescan::model_file::OwnedModel;
-use onescan::photo;
 use onescan::photo::picture::Picture;
 use onescan_core::model::Model as View;
 use self_cell::self_cell;
@@ -83,28 +82,22 @@ pub struct Photo(Rc<Picture>);
 
 #[wasm_bindgen]
 impl Photo {
-    /// Decodes a PNG or JPEG as the command does, to the last bit; EXIF orientation is applied.
-    ///
-    /// # Errors
-    /// Other formats, damaged files, pictures that are too large.
-    #[wasm_bindgen(constructor)]
-    pub fn new(bytes: &[u8]) -> Result<Photo, JsError> {
-        Ok(Self(Rc::new(photo::decode(bytes)?)))
-    }
-
     /// A photo of RGBA bytes, alpha ignored.
     ///
     /// # Errors
     /// Another number of bytes than the size says.
     #[wasm_bindgen(js_name = fromRgba)]
     pub fn from_rgba(width: u32, height: u32, rgba: &[u8]) -> Result<Photo, JsError> {
-        let (pixels, rest) = rgba.as_chunks::<4>();
-        if pixels.is_empty() || !rest.is_empty() || pixels.len() as u64 != area(width, height) {
-            let found = rgba.len();
-            return Err(JsError::new(&format!("{found} bytes are not {width}×{height} pixels")));
-        }
-        let rgb = pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
-        Ok(Self(Rc::new(Picture { width, height, rgb })))
+        Self::of_pixels(width, height, rgba, |&[r, g, b, _]| [r, g, b])
+    }
+
+    /// A photo of RGB bytes.
+    ///
+    /// # Errors
+    /// Another number of bytes than the size says.
+    #[wasm_bindgen(js_name = fromRgb)]
+    pub fn from_rgb(width: u32, height: u32, rgb: &[u8]) -> Result<Photo, JsError> {
+        Self::of_pixels(width, height, rgb, |&rgb| rgb)
     }
 
     /// The same photo once more, for a fit to take; its pixels are not copied.
@@ -140,10 +133,22 @@ impl Photo {
         let side = |side: u32| (u64::from(side) * u64::from(limit) / u64::from(longer)) as u32;
         Pixels(self.0.resized(side(self.0.width).max(1), side(self.0.height).max(1)))
     }
-}
 
-fn area(width: u32, height: u32) -> u64 {
-    u64::from(width) * u64::from(height)
+    fn of_pixels<const N: usize>(
+        width: u32,
+        height: u32,
+        bytes: &[u8],
+        rgb: impl Fn(&[u8; N]) -> [u8; 3],
+    ) -> Result<Photo, JsError> {
+        let (pixels, rest) = bytes.as_chunks();
+        let area = u64::from(width) * u64::from(height);
+        if pixels.is_empty() || !rest.is_empty() || pixels.len() as u64 != area {
+            let found = bytes.len();
+            return Err(JsError::new(&format!("{found} bytes are not {width}×{height} pixels")));
+        }
+        let rgb = pixels.iter().map(rgb).collect();
+        Ok(Self(Rc::new(Picture { width, height, rgb })))
+    }
 }
 
 /// A picture to show.

@@ -7,7 +7,9 @@ use onescan::fit::summary::Summary;
 use onescan::mesh::Mesh;
 use onescan::mesh::glb;
 use onescan::mesh::ply::{self, Encoding};
+use onescan::mesh::skin::Skin;
 use onescan::render;
+use onescan::texture::{self, Kind};
 use onescan_core::color::ColorTransform;
 use onescan_core::light::{Light, ambient_diffuse, ambient_white, frontal};
 use onescan_core::rng::Rng;
@@ -23,6 +25,16 @@ pub struct Viewer {
     albedo: Vec<f32>,
     light: Light,
     color: ColorTransform,
+    dress: Option<Dress>,
+}
+
+/// The colours of a fit's photos, for the faces of the albedo that was fitted.
+struct Dress {
+    /// Without light.
+    albedo: Rc<Skin>,
+    /// In the first photo's light.
+    photo: Rc<Skin>,
+    of: Vec<f32>,
 }
 
 #[wasm_bindgen]
@@ -37,6 +49,7 @@ impl Viewer {
             albedo: zeros(view.albedo.rank()),
             light: frontal(),
             color: ColorTransform::NEUTRAL,
+            dress: None,
             model: Rc::clone(&model.0),
         }
     }
@@ -74,6 +87,24 @@ impl Viewer {
         if let Some(Summary { parameters, .. }) = fitted.summaries.first() {
             self.set(&parameters.subject.shape, &parameters.subject.albedo);
         }
+    }
+
+    /// Lays the colours of a fit's photos on its face, of any shape, as long as its albedo is the fitted
+    /// one. Made when first asked for, which takes some tenths of a second.
+    ///
+    /// # Errors
+    /// None of a fit that came to its end.
+    pub fn dress(&mut self, fitted: &Fitted) -> Result<(), JsError> {
+        let [photo, albedo] = [fitted.skin(Kind::Photo)?, fitted.skin(Kind::Albedo)?];
+        let first = fitted.summaries.first();
+        let of = first.map(|summary| summary.parameters.subject.albedo.to_vec());
+        self.dress = Some(Dress { albedo, photo, of: of.unwrap_or_default() });
+        Ok(())
+    }
+
+    /// Takes them off.
+    pub fn undress(&mut self) {
+        self.dress = None;
     }
 
     /// Light by name: `front`, `left`, `right`, `above`, `even`.
@@ -120,7 +151,11 @@ impl Viewer {
             },
             view: View { light: self.light, color: self.color, ..portrait.view },
         };
-        Pixels(render::draw_on(model, &scene, [r, g, b]))
+        let ground = [r, g, b];
+        Pixels(match self.worn() {
+            Some(dress) => texture::show(model, &scene, &dress.albedo, ground),
+            None => render::draw_on(model, &scene, ground),
+        })
     }
 
     /// Where a landmark of the model's mean is in such a picture; nothing if it has none of that
@@ -135,16 +170,31 @@ impl Viewer {
         vec![x, y]
     }
 
-    /// The face as `face.glb` and `face.ply`.
+    /// The face as `face.glb`, with the photo's colours if they are laid on it, and `face.ply`.
     ///
     /// # Errors
     /// None for a model that was opened.
     pub fn files(&self) -> Result<Vec<File>, JsError> {
         let mesh = render::instance(self.model.borrow_dependent(), &self.shape, &self.albedo);
+        let bytes = match self.worn() {
+            Some(dress) => glb::encode_with(&mesh, &dress.photo, "face")?,
+            None => glb::encode(&mesh, "face")?,
+        };
         Ok(vec![
-            File { name: "face.glb".into(), bytes: glb::encode(&mesh, "face")? },
+            File { name: "face.glb".into(), bytes },
             File { name: "face.ply".into(), bytes: ply(&mesh)? },
         ])
+    }
+}
+
+impl Viewer {
+    /// What the face wears: nothing if its albedo is another than the fitted.
+    fn worn(&self) -> Option<&Dress> {
+        let fitted = |dress: &&Dress| {
+            let mut both = self.albedo.iter().zip(&dress.of);
+            both.all(|(own, fitted)| own == fitted)
+        };
+        self.dress.as_ref().filter(fitted)
     }
 }
 

@@ -57,11 +57,20 @@ function fitted(modelFile, name, photos, options, found = false) {
   return out;
 }
 
+/** Serves a directory; `stop()` when done. */
+export async function serve(directory) {
+  const server = createServer(sirv(directory, { dev: true, etag: true }));
+  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
+  const stop = () => {
+    server.close();
+    server.closeAllConnections();
+  };
+  return { origin: `http://127.0.0.1:${server.address().port}`, stop };
+}
+
 /** Serves wasm/dist and opens a browser on it; `close()` when done. */
 export async function open() {
-  const server = createServer(sirv(DIST));
-  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
-  const origin = `http://127.0.0.1:${server.address().port}`;
+  const { origin, stop } = await serve(DIST);
   const browser = await chromium.launch({
     executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
     args: [
@@ -73,7 +82,7 @@ export async function open() {
   });
   const close = async () => {
     await browser.close();
-    server.close();
+    stop();
   };
   return { origin, browser, close };
 }

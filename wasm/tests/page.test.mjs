@@ -2,15 +2,18 @@
 
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
-import { readFileSync, writeFileSync } from 'node:fs';
+import { cpSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { createRequire } from 'node:module';
 import { join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import test, { after, before } from 'node:test';
-import { OUT, PAIR, PHOTOS, golden, goldenSearch, model, native, open } from './common.mjs';
+import { DIST, OUT, PAIR, PHOTOS, golden, goldenSearch, model, native, open, serve } from './common.mjs';
 import { compare, lines } from '../../tests/wasm/stages.mjs';
 
 /** Prints a file of an archive whose checksums hold. */
 const UNZIP = 'import sys, zipfile; z = zipfile.ZipFile(sys.argv[1]); assert z.testzip() is None; sys.stdout.buffer.write(z.read(sys.argv[2]))';
+/** What looks for hindrances to people who see, hear or move less. */
+const AXE = readFileSync(createRequire(import.meta.url).resolve('axe-core'), 'utf8');
 const DESKTOP = { width: 1280, height: 900 };
 const PHONE = { width: 390, height: 844 };
 
@@ -22,7 +25,7 @@ after(() => site?.close());
 
 /** A fresh page, and whatever it does that it should not. */
 async function visit(viewport, setUp = async () => {}) {
-  const context = await site.browser.newContext({ viewport, acceptDownloads: true });
+  const context = await site.browser.newContext({ viewport, acceptDownloads: true, serviceWorkers: 'block' });
   const page = await context.newPage();
   const faults = [];
   page.on('pageerror', (error) => faults.push(`error: ${error.message}`));
@@ -68,6 +71,20 @@ const landmarks = (photo) => parse(readFileSync(join(PHOTOS, `${photo}.tlms`), '
 async function download(page, selector) {
   const [file] = await Promise.all([page.waitForEvent('download'), page.click(selector)]);
   return { name: file.suggestedFilename(), bytes: readFileSync(await file.path()) };
+}
+
+/** Nothing on the page hinders anybody, as far as axe sees, in the light and in the dark. */
+async function accessible(page) {
+  await page.evaluate(AXE);
+  for (const colorScheme of ['dark', 'light']) {
+    await page.emulateMedia({ colorScheme });
+    const found = await page.evaluate(async () => {
+      const tags = ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice'];
+      const { violations } = await globalThis.axe.run(document, { runOnly: tags });
+      return violations.flatMap(({ id, nodes }) => nodes.map(({ target, failureSummary }) => `${id}: ${target} ${failureSummary}`));
+    });
+    assert.deepEqual(found, [], colorScheme);
+  }
 }
 
 /** The colours of a canvas, shrunk to a few. */
@@ -151,10 +168,37 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   await slider.fill('3');
   await page.waitForTimeout(500);
   assert.ok(difference(random, await look(page, 'view')) > 0.2, 'a slider changes the face');
+  // All components have one, the most in folds.
+  const folds = page.locator('#sliders summary');
+  for (const fold of await folds.all()) await fold.click();
+  const { shape, albedo } = summary.parameters;
+  await page.waitForFunction((count) => document.querySelectorAll('#sliders input').length === count, shape.length + albedo.length);
+  const early = await look(page, 'view');
+  await page.locator('#sliders label', { hasText: '25' }).first().locator('input').fill('-3');
+  await page.waitForTimeout(500);
+  assert.ok(difference(early, await look(page, 'view')) > 0.05, 'so does one of a fold');
+  await shot(page, 'folds');
+  for (const fold of await folds.all()) await fold.click();
   await page.click('#show-fitted');
 
-  const glb = await download(page, '[data-save="face.glb"]');
-  assert.equal(glb.bytes.subarray(0, 4).toString(), 'glTF');
+  // Of the fitted face with the photo's colours; of another colour with its own.
+  const glb = async () => {
+    const { bytes } = await download(page, '[data-save="face.glb"]');
+    assert.equal(bytes.subarray(0, 4).toString(), 'glTF');
+    return JSON.parse(bytes.subarray(20, 20 + bytes.readUInt32LE(12)).toString());
+  };
+  assert.equal((await glb()).images.length, 1);
+  await page.waitForTimeout(500);
+  const dressed = await look(page, 'view');
+  await shot(page, 'textured');
+  await page.uncheck('#dress');
+  await page.waitForTimeout(500);
+  assert.ok(difference(dressed, await look(page, 'view')) > 0.5, 'the photo’s colours are seen');
+  assert.equal((await glb()).images, undefined);
+  await page.check('#dress');
+  await page.click('#show-random');
+  assert.equal((await glb()).images, undefined);
+  await page.click('#show-fitted');
   const ply = await download(page, '[data-save="face.ply"]');
   assert.equal(ply.bytes.subarray(0, 3).toString(), 'ply');
   const png = await download(page, '[data-save="face.png"]');
@@ -333,6 +377,7 @@ for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE
     await tabs.nth(0).click();
     await said(page, 'Done', 200_000);
     await shot(page, `pair-${device}`);
+    await accessible(page);
     const front = { photo: await look(page, 'photo'), mask: await look(page, 'mask') };
     const facts = await page.locator('#facts').innerText();
     await page.selectOption('#light', 'photo');
@@ -412,6 +457,156 @@ test('landmarks by hand, keyboard alone', { timeout: 120_000 }, async () => {
   await close();
 });
 
+test('landmarks are set by the keyboard, taken back and brought back', { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit(DESKTOP);
+  await ready(page);
+  await page.click('[data-sample="grace_hopper.jpg"]');
+  await said(page, 'Press Fit');
+  const handles = page.locator('#handles g');
+  const places = () => handles.evaluateAll((all) => all.map((g) => `${g.textContent} ${g.getAttribute('transform')}`));
+  const given = await places();
+  assert.equal(await page.locator('#undo').isDisabled(), true);
+  // All steps of keys at one landmark are one change.
+  await handles.nth(2).focus();
+  for (const key of ['ArrowLeft', 'ArrowUp', 'Shift+ArrowUp']) await page.keyboard.press(key);
+  const moved = await places();
+  assert.notDeepEqual(moved, given);
+  await page.keyboard.press('Delete');
+  assert.equal(await handles.count(), given.length - 1);
+  // The keyboard goes on from where it was.
+  assert.equal(await page.evaluate(() => document.activeElement.closest('#handles') !== null), true);
+  await page.keyboard.press('Control+z');
+  assert.deepEqual(await places(), moved);
+  await page.keyboard.press('Control+z');
+  assert.deepEqual(await places(), given);
+  assert.equal(await page.locator('#undo').isDisabled(), true);
+
+  await page.click('#clear');
+  await page.locator('#place').focus();
+  await page.keyboard.press('Enter');
+  await page.keyboard.press('Shift+ArrowDown');
+  await page.keyboard.press('Enter');
+  await page.keyboard.press('Shift+ArrowRight');
+  await page.keyboard.press('Enter');
+  await page.keyboard.press('Shift+ArrowUp');
+  await page.keyboard.press('Enter');
+  const set = await places();
+  assert.equal(set.length, 4);
+  assert.equal(new Set(set.slice(0, 3).map((text) => text.replace(/.*translate/, ''))).size, 3);
+  assert.equal(await page.locator('#fit').isDisabled(), false);
+  await page.click('#reset');
+  assert.deepEqual(await places(), given);
+  await page.click('#undo');
+  assert.deepEqual(await places(), set);
+  // By the mouse: a drag is one change, and so is what cannot be seen.
+  const box = await handles.nth(0).locator('.dot').boundingBox();
+  await page.mouse.move(box.x + 5, box.y + 5);
+  await page.mouse.down();
+  await page.mouse.move(box.x + 80, box.y + 60, { steps: 4 });
+  await page.mouse.up();
+  assert.notDeepEqual(await places(), set);
+  const next = await page.locator('#next').innerText();
+  await page.click('#skip');
+  assert.notEqual(await page.locator('#next').innerText(), next);
+  await page.click('#undo');
+  assert.equal(await page.locator('#next').innerText(), next);
+  await page.click('#undo');
+  assert.deepEqual(await places(), set);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE })) {
+  test(`photo, status and Fit stay in sight, and nothing is too small to hit: ${device}`, { timeout: 120_000 }, async () => {
+    const { page, faults, close } = await visit(viewport);
+    await ready(page);
+    const inSight = async () => {
+      for (const step of await page.locator('#steps > section').all()) {
+        await step.evaluate((it) => it.scrollIntoView({ block: 'center' }));
+        const seen = await page.evaluate(() => {
+          const [stage, bar, fit] = ['stage', 'bar', 'fit'].map((id) => document.getElementById(id).getBoundingClientRect());
+          const { bottom } = document.getElementById('cancel').hidden ? fit : document.getElementById('cancel').getBoundingClientRect();
+          return { photo: Math.min(stage.bottom, bar.top) - Math.max(stage.top, 0), bar: bar.bottom <= innerHeight && bar.top > 0, fit: bottom > 0 && bottom <= innerHeight };
+        });
+        assert.ok(seen.photo > 250 && seen.bar && seen.fit, JSON.stringify(seen));
+      }
+      const small = await page.evaluate(() =>
+        [...document.querySelectorAll('button, input, select, summary, label.button, #handles g')]
+          .filter((it) => it.checkVisibility({ visibilityProperty: true }) && !it.classList.contains('visually-hidden'))
+          .map((it) => [it.id || it.textContent, it.getBoundingClientRect()])
+          .filter(([, { width, height }]) => width < 24 || height < 24)
+          .map(([name, { width, height }]) => `${name}: ${width} × ${height}`),
+      );
+      assert.deepEqual(small, []);
+    };
+    await inSight();
+    await accessible(page);
+    await page.setInputFiles('#file', join(PHOTOS, 'obama.jpg'));
+    await said(page, 'Found them');
+    await inSight();
+    await accessible(page);
+    await page.click('#clear');
+    await inSight();
+    await accessible(page);
+    await page.click('#undo');
+    await page.click('#fit');
+    await page.waitForFunction(() => document.getElementById('progress').value > 0.2);
+    await page.click('#pause');
+    await inSight();
+    await accessible(page);
+    await shot(page, `fitting-${device}`);
+    await page.click('#pause');
+    await said(page, 'Done', 120_000);
+    await inSight();
+    for (const fold of await page.locator('summary').all()) await fold.click();
+    await accessible(page);
+    for (const fold of await page.locator('summary').all()) await fold.click();
+
+    // Before and after, and what counts.
+    await page.waitForTimeout(500);
+    const fitted = await look(page, 'photo');
+    await page.locator('#wipe').fill('0.5');
+    await page.waitForTimeout(300);
+    const half = await look(page, 'photo');
+    const part = (a, b, left) => difference(...[a, b].map((all) => all.filter((_, i) => (i >> 2) % 32 < 15 === left)));
+    assert.ok(part(fitted, half, true) > 0.2, 'on the left the photo');
+    assert.ok(part(fitted, half, false) < 0.5, 'on the right the fit');
+    await page.locator('#wipe').fill('0');
+    await page.check('#counts');
+    await page.waitForTimeout(300);
+    assert.ok(difference(fitted, await look(page, 'photo')) > 5, 'what does not count is dark');
+    await shot(page, `counts-${device}`);
+    await page.uncheck('#counts');
+
+    // The wheel zooms about the mouse, two fingers about their middle.
+    const place = () => page.locator('#handles g').first().getAttribute('transform');
+    const [x, y] = await page.locator('#stage').evaluate((stage) => {
+      stage.scrollIntoView({ block: 'center' });
+      const box = stage.getBoundingClientRect();
+      return [box.left + box.width / 2, box.top + box.height / 2];
+    });
+    let before = await place();
+    await page.mouse.move(x, y);
+    await page.mouse.wheel(0, -300);
+    await page.waitForFunction((old) => document.querySelector('#handles g').getAttribute('transform') !== old, before);
+    before = await place();
+    const touch = await page.context().newCDPSession(page);
+    const fingers = (type, ...apart) =>
+      touch.send('Input.dispatchTouchEvent', { type, touchPoints: apart.flatMap((d) => [{ x: x - d, y, id: 0 }, { x: x + d, y, id: 1 }]) });
+    await fingers('touchStart', 30);
+    await fingers('touchMove', 60);
+    await fingers('touchMove', 90);
+    await fingers('touchEnd');
+    const parsed = (text) => text.match(/-?[\d.]+/g).map(Number);
+    const box = await page.locator('#stage').boundingBox();
+    const from = parsed(before).map((value, axis) => value - [box.width, box.height][axis] / 2);
+    const to = parsed(await place()).map((value, axis) => value - [box.width, box.height][axis] / 2);
+    for (const axis of [0, 1]) assert.ok(Math.abs(to[axis] - 3 * from[axis]) < 2, `${from} → ${to}`);
+    assert.deepEqual(faults, []);
+    await close();
+  });
+}
+
 test('a running fit is cancelled, and the page goes on', { timeout: 120_000 }, async () => {
   const { page, close } = await visit(DESKTOP);
   await ready(page);
@@ -455,6 +650,7 @@ test('the camera', async () => {
   await ready(page);
   await page.click('#camera');
   await page.locator('#video').waitFor({ state: 'visible' });
+  await accessible(page);
   await shot(page, 'camera');
   await page.click('#shoot');
   // Chromium's test picture has no face.
@@ -463,11 +659,118 @@ test('the camera', async () => {
   await close();
 });
 
+test('a camera refused, absent and in use are told apart', async () => {
+  const { page, close } = await visit(DESKTOP);
+  await ready(page);
+  for (const [name, text] of [['NotAllowedError', 'was refused; allow it'], ['NotFoundError', 'has no camera'], ['NotReadableError', 'another program']]) {
+    await page.evaluate((kind) => {
+      navigator.mediaDevices.getUserMedia = async () => { throw new DOMException('no', kind); };
+    }, name);
+    await page.click('#camera');
+    await said(page, text);
+  }
+  await close();
+});
+
+test('opened from a file, the page says why it cannot run', async () => {
+  const page = await site.browser.newPage({ viewport: PHONE });
+  await page.goto(`file://${join(DIST, 'index.html')}`);
+  await page.locator('#not-started').waitFor({ state: 'visible' });
+  assert.match(await page.locator('#not-started').innerText(), /opened from a file/);
+  await shot(page, 'file');
+  await page.close();
+  const served = await visit(PHONE);
+  await ready(served.page);
+  assert.equal(await served.page.locator('#not-started').count(), 0);
+  await served.close();
+});
+
+test('one of two faces is chosen', { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit(DESKTOP);
+  await ready(page);
+  const [both, widths] = await page.evaluate(async () => {
+    const load = async (name) => createImageBitmap(await (await fetch(`samples/${name}`)).blob());
+    const photos = await Promise.all(['obama.jpg', 'grace_hopper.jpg'].map(load));
+    const canvas = document.createElement('canvas');
+    canvas.width = photos[0].width + photos[1].width;
+    canvas.height = Math.max(photos[0].height, photos[1].height);
+    const draw = canvas.getContext('2d');
+    draw.drawImage(photos[0], 0, 0);
+    draw.drawImage(photos[1], photos[0].width, 0);
+    return [canvas.toDataURL().split(',')[1], photos.map(({ width }) => width)];
+  });
+  await page.setInputFiles('#file', { name: 'both.png', mimeType: 'image/png', buffer: Buffer.from(both, 'base64') });
+  await said(page, 'Found 2 faces; this is face 1');
+  await shot(page, 'two-faces');
+  await page.click('#next-face');
+  await said(page, 'this is face 2');
+  await page.click('#next-face');
+  await said(page, 'this is face 1');
+  await page.click('#next-face');
+  await page.click('#fit');
+  await said(page, 'Done', 120_000);
+  // She is on the right.
+  const found = parse((await download(page, '[data-save=".tlms"]')).bytes.toString());
+  const byHand = new Map(landmarks('grace_hopper').map(({ name, x, y }) => [name, [x + widths[0], y]]));
+  for (const { name, x, y } of found) {
+    const [tx, ty] = byHand.get(name) ?? [x, y];
+    assert.ok(Math.hypot(x - tx, y - ty) < 20, `${name}: ${[x, y]}, by hand ${[tx, ty]}`);
+  }
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test('the page works without a network, and is never an old one with it', { timeout: 120_000 }, async () => {
+  const place = join(OUT, 'site');
+  rmSync(place, { recursive: true, force: true });
+  cpSync(DIST, place, { recursive: true, filter: (path) => !/dist.(test|.*\.d\.ts$)/.test(path) });
+  const server = await serve(place);
+  after(server.stop);
+  const context = await site.browser.newContext({ viewport: DESKTOP });
+  const page = await context.newPage();
+  await page.goto(server.origin);
+  await ready(page);
+  const kept = () => page.evaluate(async () => (await caches.keys()).join());
+  const keeps = async (version) => {
+    for (let i = 0; (await kept()) !== `onescan ${version}`; i += 1) {
+      assert.ok(i < 100, `${version} is not kept, but: ${await kept()}`);
+      await page.waitForTimeout(100);
+    }
+    await page.evaluate(() => navigator.serviceWorker.ready);
+  };
+  const [, first] = /VERSION = '(\w+)'/.exec(readFileSync(join(place, 'sw.js'), 'utf8'));
+  await keeps(first);
+
+  // A new build is there at once, and takes the place of what was kept.
+  const change = (name, from, to) => writeFileSync(join(place, name), readFileSync(join(place, name), 'utf8').replace(from, to));
+  change('index.html', '<h1>onescan', '<h1>onescan, the second');
+  change('page/app.js', 'Drop or choose a photo', 'Drop or take a photo');
+  change('sw.js', first, 'second');
+  await page.reload();
+  assert.equal(await page.locator('h1').innerText(), 'onescan, the second');
+  await said(page, 'Drop or take a photo');
+  await keeps('second');
+
+  server.stop();
+  await page.reload();
+  await ready(page);
+  assert.equal(await page.locator('h1').innerText(), 'onescan, the second');
+  await page.setInputFiles('#file', join(PHOTOS, 'obama.jpg'));
+  await said(page, 'Found them');
+  await page.click('#fit');
+  await said(page, 'Done', 120_000);
+  await context.close();
+});
+
 test('nothing leaves the page', async () => {
   const { page, close } = await visit(DESKTOP);
   await ready(page);
   const policy = await page.getAttribute('meta[http-equiv="Content-Security-Policy"]', 'content');
   assert.match(policy, /connect-src 'self';/);
+  assert.doesNotMatch(policy, /'unsafe-(eval|inline)'/);
+  // The worker alone is born of a line of script, and no address is a script's by chance.
+  assert.deepEqual(policy.split('; ').filter((rule) => rule.includes('blob:')), ["worker-src 'self' blob:"]);
+  assert.equal(await page.evaluate(() => { try { new Worker('js/worker.js'); } catch (error) { return error.name; } }), 'TypeError');
   const elsewhere = 'http://localhost:9/';
   const tried = await page.evaluate(async (url) => {
     const refused = [];

@@ -7,10 +7,13 @@ use crate::{Outcome, no_arguments, notices, wasm};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::fs;
+use std::hash::{DefaultHasher, Hasher as _};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 const TARGET: &str = "wasm32-unknown-unknown";
+/// Endings of the files that the page needs without a network.
+const KEPT: [&str; 8] = [".html", ".js", ".css", ".svg", ".wasm", ".gz", ".tflite", ".txt"];
 
 /// `cargo xtask wasm`.
 pub(crate) fn run(arguments: &[String]) -> Outcome {
@@ -112,8 +115,31 @@ fn build() -> Outcome {
         sh(command(&compiler, plain).arg(from).arg("--outDir").arg(to))?;
     }
     fs::write(dist.join("face.3dmm.gz"), model()?).map_err(|e| fault(&dist, &e))?;
+    keeper(&wasm, &dist)?;
     println!("the page is in {}", dist.display());
     Ok(())
+}
+
+/// The script that keeps the page for days without a network: which files, and a hash of them all.
+fn keeper(wasm: &Path, dist: &Path) -> Outcome {
+    let mut hash = DefaultHasher::new();
+    let mut names = vec![r#""./""#.to_owned()];
+    for directory in ["", "page", "js", "js/wasm", "js/face_mesh"] {
+        for file in files(&dist.join(directory))? {
+            let name = file.strip_prefix(dist).unwrap_or(&file).to_string_lossy().into_owned();
+            if KEPT.iter().any(|end| name.ends_with(end)) && !name.ends_with(".d.ts") {
+                hash.write(name.as_bytes());
+                hash.write(&fs::read(&file).map_err(|e| fault(&file, &e))?);
+                names.push(format!("{name:?}"));
+            }
+        }
+    }
+    let source = wasm.join("sw.js");
+    let script = fs::read_to_string(&source).map_err(|e| fault(&source, &e))?;
+    hash.write(script.as_bytes());
+    let (version, names) = (hash.finish(), names.join(", "));
+    let text = format!("const VERSION = '{version:016x}';\nconst FILES = [{names}];\n{script}");
+    fs::write(dist.join("sw.js"), text).map_err(|e| fault(dist, &e))
 }
 
 /// What the page is made of, and under which licences.
@@ -150,9 +176,10 @@ struct Program {
     profile: &'static str,
 }
 
-/// The fit, and what finds faces.
-const PROGRAMS: [Program; 2] = [
+/// The fit, what reads photos, and what finds faces in them.
+const PROGRAMS: [Program; 3] = [
     Program { name: "onescan_wasm", folder: "wasm", profile: "web" },
+    Program { name: "onescan_photos", folder: "wasm/photos", profile: "web" },
     Program { name: "onescan_faces", folder: "wasm/faces", profile: "faces" },
 ];
 

@@ -155,7 +155,7 @@ pub fn finish(
     kind: texture::Kind,
 ) -> Result<Vec<Finished>> {
     let mut results = Vec::new();
-    let mut baked = None;
+    let skin = Arc::new(skin(jobs, fits, kind)?);
     for (i, (job, fit)) in jobs.iter().zip(fits).enumerate() {
         let mut summary = summarize(job, fit, names, i)?;
         if kind != texture::Kind::default() {
@@ -163,23 +163,30 @@ pub fn finish(
         }
         let subject = &fit.best.scene.subject;
         let mesh = render::instance(job.model, &subject.shape, &subject.albedo);
-        let skin = if let Some(skin) = &baked {
-            Arc::clone(skin)
-        } else {
-            let shots: Vec<_> = jobs.iter().zip(fits).map(shot).collect();
-            Arc::new(texture::bake(job.model, subject, &mesh, &shots, kind)?)
-        };
-        baked = Some(Arc::clone(&skin));
         let given = names.photos.get(i).and_then(|names| names.landmarks.as_ref());
         results.push(Finished {
             mesh,
             pictures: pictures(job, fit, &summary, &skin)?,
-            skin,
+            skin: Arc::clone(&skin),
             summary,
             found: given.is_none().then(|| job.landmarks.clone()),
         });
     }
     Ok(results)
+}
+
+/// Bakes what a subject looks like, by all its photos.
+///
+/// # Errors
+/// No photos; none for fits of these jobs.
+pub fn skin(jobs: &[Job<'_>], fits: &[Fit], kind: texture::Kind) -> Result<Skin> {
+    let (Some(job), Some(fit)) = (jobs.first(), fits.first()) else {
+        return Err(Error::new("a fit without photos"));
+    };
+    let subject = &fit.best.scene.subject;
+    let mesh = render::instance(job.model, &subject.shape, &subject.albedo);
+    let shots: Vec<_> = jobs.iter().zip(fits).map(shot).collect();
+    texture::bake(job.model, subject, &mesh, &shots, kind)
 }
 
 fn shot<'a>((job, fit): (&'a Job<'_>, &'a Fit)) -> Shot<'a> {
