@@ -47,6 +47,33 @@ pub fn draw_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
     draw_over(model, scene, &background).unwrap_or(background)
 }
 
+/// [`draw_over`] with smooth edges, for people to look at: a pixel is the mean of nine, or in larger
+/// pictures of four or one.
+///
+/// # Errors
+/// A background of another size.
+pub fn smooth_over(model: &Model<'_>, scene: &Scene, background: &Picture) -> Result<Picture> {
+    let [width, height] = scene.view.camera.image_size;
+    // Of a picture of four megapixels nine times as many would take gigabytes.
+    let fine = match (u64::from(width) * u64::from(height)) >> 19 {
+        0 => 3,
+        1..4 => 2,
+        _ => 1,
+    };
+    let mut scene = scene.clone();
+    scene.view.camera =
+        resampled_camera(&scene.view.camera, [width, height].map(|side| fine * side));
+    Ok(draw_over(model, &scene, &background.enlarged(fine))?.resized(width, height))
+}
+
+/// [`draw_on`] with smooth edges, as [`smooth_over`].
+pub fn smooth_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
+    let [width, height] = scene.view.camera.image_size;
+    let background = Picture::filled(width, height, ground);
+    // The background was made to the camera's size.
+    smooth_over(model, scene, &background).unwrap_or(background)
+}
+
 /// The inverse distance (1/mm) of what the camera sees of the model at each of its pixels, row by row; 0
 /// where that is nothing.
 pub fn inverse_distances(model: &Model<'_>, scene: &Scene) -> Vec<f32> {
@@ -85,7 +112,7 @@ pub(crate) fn visible<T>(
     Some(look(&frame))
 }
 
-/// Draws a mesh over a plain colour. `scene` gives everything but the coefficients.
+/// Draws a mesh over a plain colour, with smooth edges. `scene` gives everything but the coefficients.
 ///
 /// # Errors
 /// A mesh that breaks its guarantees.
@@ -95,7 +122,7 @@ pub fn draw_mesh(mesh: &Mesh, scene: &Scene, ground: [u8; 3]) -> Result<Picture>
     let mut scene = scene.clone();
     scene.subject.shape.clear();
     scene.subject.albedo.clear();
-    Ok(draw_on(&rigid.view(), &scene, ground))
+    Ok(smooth_on(&rigid.view(), &scene, ground))
 }
 
 /// Standard normal coefficients.
@@ -176,5 +203,31 @@ pub fn instance(model: &Model<'_>, shape: &[f32], albedo: &[f32]) -> Mesh {
         points: field(model, &model.shape, shape),
         colors: colors.into_iter().map(|c| c.map(|x| x.clamp(0.0, 1.0))).collect(),
         triangles: (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
+    }
+}
+
+#[cfg(all(test, feature = "full"))]
+mod tests {
+    use super::*;
+    use crate::model_file::OwnedModel;
+
+    #[test]
+    fn smooth_pictures_differ_from_plain_ones_at_edges() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/golden/small.3dmm");
+        let file = OwnedModel::read(std::path::Path::new(path)).unwrap();
+        let model = file.view();
+        let scene = portrait(&model, [60, 48], 0.4, 0.1);
+        let ground = Picture::from_fn(60, 48, |x, y| [x as u8, y as u8, 200]);
+        let plain = draw_over(&model, &scene, &ground).unwrap();
+        let smooth = smooth_over(&model, &scene, &ground).unwrap();
+        let far = |a: &[u8; 3], b: &[u8; 3]| (0..3).map(|i| a[i].abs_diff(b[i])).max() > Some(24);
+        let all = plain.rgb.len();
+        let changed = plain.rgb.iter().zip(&smooth.rgb).filter(|(a, b)| far(a, b)).count();
+        assert!(changed > 20 && changed < all / 8, "{changed} of {all}");
+        let still =
+            |picture: &Picture| picture.rgb.iter().zip(&ground.rgb).filter(|(a, b)| a == b).count();
+        // Covered by the model but for the rim, and what is not covered is the ground as it was.
+        assert!(still(&smooth) <= still(&plain) && still(&smooth) > all / 4);
+        assert!(smooth_over(&model, &scene, &Picture::filled(60, 47, GROUND)).is_err());
     }
 }

@@ -29,9 +29,8 @@ pub(crate) fn serve(arguments: &[String]) -> Outcome {
         _ => return Err("expected one port number".into()),
     };
     build()?;
-    println!("open http://localhost:{port}");
-    let server = root().join("wasm/node_modules/.bin/sirv");
-    sh(&mut command(server, ["wasm/dist", "--quiet", "--port", port]))
+    let program = ["run", "--quiet", "--release", "--package", "onescan", "--"];
+    sh(cargo(program).args(["serve", "--page", "wasm/dist", "--port", port]))
 }
 
 /// `cargo xtask browser`.
@@ -43,6 +42,16 @@ pub(crate) fn test(arguments: &[String]) -> Outcome {
 /// Builds the page and tries it in a real browser.
 pub(crate) fn check() -> Outcome {
     build()?;
+    // That the page within the program compiles; its files have been made just now.
+    sh(&mut cargo([
+        "check",
+        "--quiet",
+        "--release",
+        "--package",
+        "onescan",
+        "--features",
+        "page",
+    ]))?;
     if output(&mut command("chromium", ["--version"])).is_err() {
         install(&["chromium"])?;
     }

@@ -18,6 +18,7 @@ mod register;
 mod render;
 mod sample;
 mod scan;
+mod serve;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
@@ -57,6 +58,7 @@ Examples:
   onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
   onescan register face.3dmm scan.ply -o registered
   onescan convert face.3dmm -o face.h5
+  onescan serve                                  the same in a browser
 
 Same model, photo, landmarks, settings and seed: same fit, to the last bit.";
 
@@ -97,6 +99,7 @@ enum Command {
     Fit(fit::Fit),
     Recognise(recognise::Recognise),
     Register(register::Register),
+    Serve(serve::Serve),
     Bench(bench::Bench),
 }
 
@@ -122,6 +125,7 @@ impl Arguments {
             Some(Command::Fit(command)) => command.run(console),
             Some(Command::Recognise(command)) => command.run(console),
             Some(Command::Register(command)) => command.run(console),
+            Some(Command::Serve(command)) => command.run(),
             Some(Command::Bench(command)) => command.run(console),
         }
     }

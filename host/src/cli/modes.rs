@@ -4,6 +4,7 @@ use super::{degrees, output_directory, positive, write_mesh};
 use clap::Args;
 use onescan::error::Result;
 use onescan::interchange;
+use onescan::photo::caption::captioned;
 use onescan::photo::picture::{WHITE, contact_sheet};
 use onescan::progress::Console;
 use onescan::render;
@@ -45,6 +46,7 @@ impl Modes {
         };
         let mean = show("mean", &[], &[])?;
         let count = (self.n as usize).min(model.shape.rank().max(model.albedo.rank()));
+        let mean = captioned(&mean, "mean");
         let mut pictures = Vec::new();
         for k in 0..count {
             for half in ["shape", "albedo"] {
@@ -56,6 +58,10 @@ impl Modes {
                     c.truncate(rank);
                     let name = format!("{half}_{}_{name}", k + 1);
                     if half == "shape" { show(&name, &c, &[]) } else { show(&name, &[], &c) }
+                };
+                let side = |name: &str, deviations: f64| -> Result<_> {
+                    let caption = format!("{half} {}: {deviations:+} sd", k + 1);
+                    Ok(captioned(&side(name, deviations)?, &caption))
                 };
                 pictures.push(side("minus", -self.deviations)?);
                 pictures.push(mean.clone());

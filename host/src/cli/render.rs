@@ -76,7 +76,7 @@ impl Render {
             }
             None => render::portrait(&model, self.size.unwrap_or([512, 512]), yaw, pitch),
         };
-        render::draw_on(&model, &scene, render::GROUND).write_png(&self.output)?;
+        render::smooth_on(&model, &scene, render::GROUND).write_png(&self.output)?;
         console.say(format_args!("wrote {}", self.output.display()));
         Ok(())
     }

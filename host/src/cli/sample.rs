@@ -1,9 +1,10 @@
 //! `onescan sample`.
 
-use super::{output_directory, write_mesh};
+use super::{degrees, output_directory, write_mesh};
 use clap::Args;
 use onescan::error::Result;
 use onescan::interchange;
+use onescan::photo::caption::captioned;
 use onescan::photo::picture::contact_sheet;
 use onescan::progress::Console;
 use onescan::render;
@@ -32,10 +33,15 @@ pub(super) struct Sample {
     /// Vary the albedo alone.
     #[arg(long)]
     albedo_only: bool,
+    /// Side of one picture in the sheet, pixels.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..=1024))]
+    size: u32,
+    /// Turn to the subject's left, degrees.
+    #[arg(long, default_value_t = 20.0, allow_negative_numbers = true, value_parser = degrees)]
+    yaw: f32,
 }
 
-/// Side of one sample's picture in the sheet, and how many it shows at most.
-const SIDE: u32 = 256;
+/// How many the sheet shows at most.
 const SHOWN: usize = 48;
 
 impl Sample {
@@ -60,8 +66,9 @@ impl Sample {
                 write_mesh(&self.output.join(format!("sample_{number:02}.{format}")), &mesh)?;
             }
             if pictures.len() < SHOWN {
-                let scene = render::portrait(&model, [SIDE; 2], 0.35, 0.0);
-                pictures.push(render::draw_mesh(&mesh, &scene, render::GROUND)?);
+                let scene = render::portrait(&model, [self.size; 2], self.yaw.to_radians(), 0.0);
+                let picture = render::draw_mesh(&mesh, &scene, render::GROUND)?;
+                pictures.push(captioned(&picture, &format!("{number:02}")));
             }
             task.set(u64::from(number) + 1);
         }

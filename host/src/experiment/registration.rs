@@ -364,7 +364,7 @@ impl Registrations {
     fn pair(&self, mesh: &Mesh) -> Result<(Picture, Picture)> {
         let frame = layout::rigid(mesh, &[])?;
         let scene = render::portrait(&frame.view(), [SIDE; 2], 0.0, 0.0);
-        let whole = render::draw_on(&frame.view(), &scene, render::GROUND);
+        let whole = render::smooth_on(&frame.view(), &scene, render::GROUND);
         let (x, y, _) = scene.view.camera.project(scene.view.pose.to_world(self.eye));
         let corner = |at: f32| (at as u32).saturating_sub(EYE / 2);
         // Upwards, so that the brow is in it.

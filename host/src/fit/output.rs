@@ -323,11 +323,11 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary, skin: &Skin) -> Result<
     let mut scene = fit.best.scene.clone();
     scene.view.camera.image_size = crop.scaled_to;
     let sides = SIDES
-        .map(|yaw| render::draw_on(job.model, &turned(job.model, &scene, yaw), render::GROUND));
+        .map(|yaw| render::smooth_on(job.model, &turned(job.model, &scene, yaw), render::GROUND));
     let show = |scene: &Scene| texture::show(job.model, scene, skin, render::GROUND);
     let mut seen = fit.best.scene.clone();
     seen.view.camera = render::resampled_camera(&seen.view.camera, crop.scaled_to);
-    let on_photo = render::draw_over(job.model, &scene, &photo)?;
+    let on_photo = render::smooth_over(job.model, &scene, &photo)?;
     let masked = fit.mode.as_ref().map(|mode| masked(fit.crop, &mode.mask, &photo, &on_photo));
     Ok(Pictures {
         masked,
@@ -335,10 +335,10 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary, skin: &Skin) -> Result<
         uncertainty: None,
         landmarks: marked(&crop, &photo, &on_photo, &summary.landmarks),
         on_photo,
-        alone: render::draw_on(job.model, &scene, render::GROUND),
+        alone: render::smooth_on(job.model, &scene, render::GROUND),
         sides: sides.into(),
         textured: [show(&seen), show(&turned(job.model, &scene, TURN))],
-        whole: render::draw_over(job.model, &summary.parameters, job.photo)?,
+        whole: render::smooth_over(job.model, &summary.parameters, job.photo)?,
         photo,
     })
 }
