@@ -66,14 +66,24 @@ export function connect(worker = heir()) {
 }
 
 /**
- * A worker born of a line of script instead of its file, because such a one inherits the page's
- * Content-Security-Policy: what the page may not load, the worker may not either. Bundlers do not
- * find worker.js here, nor should they: see worker-client.js.
+ * A worker born of some lines of script instead of its file, because such a one inherits the page's
+ * Content-Security-Policy: what the page may not load, the worker may not either. They keep what is
+ * said before its file is there. (With a plain import, Firefox would not ask the service worker for it.)
+ * Bundlers do not find worker.js here, nor should they: see worker-client.js.
  */
 function heir() {
   const here = import.meta.url;
-  const line = `import ${JSON.stringify(new URL('./worker.js', here).href)};`;
-  const birth = URL.createObjectURL(new Blob([line], { type: 'text/javascript' }));
+  const lines = `
+    const early = [];
+    self.onmessage = ({ data }) => early.push(data);
+    import(${JSON.stringify(new URL('./worker.js', here).href)}).then(
+      () => {
+        self.onmessage = null;
+        for (const data of early) self.dispatchEvent(new MessageEvent('message', { data }));
+      },
+      (error) => setTimeout(() => { throw error; }),
+    );`;
+  const birth = URL.createObjectURL(new Blob([lines], { type: 'text/javascript' }));
   const worker = new Worker(scriptUrl(birth), { type: 'module' });
   for (const event of ['message', 'error']) {
     worker.addEventListener(event, () => URL.revokeObjectURL(birth), { once: true });
