@@ -1,7 +1,7 @@
 //! Spherical-harmonics light (second order, nine coefficients) on Lambertian surfaces.
 //!
 //! `radiance_c(n) = Σ_i k_i·Y_i(n)·L_{i,c}` with `n` the unit normal in the world, basis index
-//! `i = l² + l + m` and the Lambert kernel `k` (Zivanov et al. 2013; FACTS §4.1). Radiance is not
+//! `i = l² + l + m` and the Lambert kernel `k` (Zivanov et al. 2013). Radiance is not
 //! clamped and casts no shadows.
 
 use crate::color::ColorTransform;
@@ -173,7 +173,7 @@ const RIDGE: f64 = 1e-4;
 /// Closed-form light: the least-squares coefficients that explain the points' colours.
 ///
 /// Undoes the colour transform, then solves per channel the 9×9 normal equations
-/// `(AᵀA + ridge) L = Aᵀb` with rows `A_p = albedo_p·k∘Y(n_p)` (FACTS §4.3). `None` with fewer
+/// `(AᵀA + ridge) L = Aᵀb` with rows `A_p = albedo_p·k∘Y(n_p)`. `None` with fewer
 /// than nine points, a transform without inverse, or a singular system.
 pub fn solve(points: impl IntoIterator<Item = LitPoint>, color: &ColorTransform) -> Option<Light> {
     use nalgebra::{SMatrix, SVector};

@@ -1,7 +1,7 @@
 //! Vertex normals of an instance, in the caller's buffers.
 //!
-//! A vertex normal is the normalised, unweighted mean of the unit normals of the faces around it
-//! (FACTS §3.3). Isolated vertices and vertices of degenerate faces only get the zero vector.
+//! A vertex normal is the normalised, unweighted mean of the unit normals of the faces around
+//! it, as in the reference engine. Isolated vertices and vertices of degenerate faces only get the zero vector.
 
 use crate::math;
 use crate::model::Triangles;

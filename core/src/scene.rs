@@ -72,8 +72,8 @@ impl Pose {
         (self.roll, self.yaw, self.pitch) = Self::euler(&product);
     }
 
-    /// Euler angles `(roll, yaw, pitch)` of a row-major rotation matrix (FACTS: pitch from
-    /// `r21, r22`, yaw from `−r20`, roll from `r10, r00`).
+    /// Euler angles `(roll, yaw, pitch)` of a row-major rotation matrix: pitch from
+    /// `r21, r22`, yaw from `−r20`, roll from `r10, r00`.
     pub fn euler(r: &[[f32; 3]; 3]) -> (f32, f32, f32) {
         let pitch = math::atan2(r[2][1], r[2][2]);
         let yaw = math::atan2(-r[2][0], math::sqrt(r[2][1] * r[2][1] + r[2][2] * r[2][2]));

@@ -22,7 +22,7 @@ const LANDMARKS: &str = include_str!("../demo/landmarks.json");
 /// A face the model has never seen, on the template's topology, CC0.
 const IDENTITY: &[u8] = include_bytes!("../demo/identity.ply");
 
-/// Landmarks the reference engine's face fits use (FACTS §10.4).
+/// Landmarks that the face fits of the paper's released program use.
 pub const FIT_LANDMARKS: [&str; 16] = [
     "right.eyebrow.bend.lower",
     "right.eyebrow.inner_lower",

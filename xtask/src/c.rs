@@ -106,7 +106,7 @@ impl Library {
         };
         let photo = ["face.3dmm", "photo.ppm", "photo.tlms"];
         let found = match case {
-            Case::Small => {
+            Case::Small | Case::Micromath => {
                 run(photo, &["chain"])? + &run(["face.3dmm", "half.ppm", "half.tlms"], &[])?
             }
             Case::Full => run(photo, &[])?,

@@ -1,6 +1,6 @@
-//! `cargo xtask device`: the firmwares of tests/device on an emulated Cortex-M7. They must compute
-//! the golden bits within its memory, and hold nothing that could panic or allocate; what they show
-//! is saved as target/device-chain.png and target/device-search.png.
+//! `cargo xtask device`: the firmwares of tests/device on emulated microcontrollers. They must compute
+//! the golden bits within their memory, and hold nothing that could panic or allocate; what they show
+//! is saved as target/device-*.png.
 
 use crate::golden::{Case, FITS};
 use crate::shell::{cargo, command, output, root, run as sh, target};
@@ -10,12 +10,59 @@ use object::{Object as _, ObjectSymbol as _};
 use std::fs;
 use std::path::Path;
 
-const TARGET: &str = "thumbv7em-none-eabihf";
+/// A microcontroller, and which core runs on it.
+struct Device {
+    name: &'static str,
+    target: &'static str,
+    flags: &'static str,
+    features: &'static [&'static str],
+    /// The emulator's board.
+    board: &'static str,
+    /// Of [`FIRMWARES`], those that run.
+    firmwares: &'static [Firmware],
+    golden: Case,
+}
+
+/// A program, and of its golden lines the one that says most.
+type Firmware = (&'static str, &'static str);
+
+const FIRMWARES: [Firmware; 2] = [("chain", FITS[0]), ("search", FITS[1])];
+
+/// With and without a unit for floating-point numbers. A Cortex-M3 computes each in dozens of
+/// instructions, and ours take a minute to emulate, so there only the search runs.
+const DEVICES: [Device; 3] = [
+    Device {
+        name: "Cortex-M7",
+        target: "thumbv7em-none-eabihf",
+        flags: "-C link-arg=-Tlink.x -C target-cpu=cortex-m7",
+        features: &[],
+        board: "mps2-an500",
+        firmwares: &FIRMWARES,
+        golden: Case::Small,
+    },
+    Device {
+        name: "Cortex-M3",
+        target: "thumbv7m-none-eabi",
+        flags: "-C link-arg=-Tlink.x",
+        features: &[],
+        board: "mps2-an385",
+        firmwares: &[FIRMWARES[1]],
+        golden: Case::Small,
+    },
+    Device {
+        name: "Cortex-M3 micromath",
+        target: "thumbv7m-none-eabi",
+        flags: "-C link-arg=-Tlink.x",
+        features: &["--features", "micromath"],
+        board: "mps2-an385",
+        firmwares: &[FIRMWARES[1]],
+        golden: Case::Micromath,
+    },
+];
+
 const EMULATOR: &str = "qemu-system-arm";
-/// The board, its console, and time that counts instructions: one a nanosecond.
-const MACHINE: [&str; 8] = [
-    "-M",
-    "mps2-an500",
+/// The console, and time that counts instructions: one a nanosecond.
+const MACHINE: [&str; 6] = [
     "-nographic",
     "-icount",
     "shift=0",
@@ -32,45 +79,53 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 
 /// Builds, runs, compares.
 pub(crate) fn check() -> Outcome {
-    let built = target().join("device");
-    let crate_ = root().join("tests/device");
     // Not of the workspace, so no other stage looks at it.
-    sh(cargo(["fmt", "--check"]).current_dir(&crate_))?;
-    let firmware = Cross {
-        target: TARGET,
-        crate_: &crate_,
-        arguments: &["build", "--release"],
-        std: BARE,
-        flags: "-C link-arg=-Tlink.x -C target-cpu=cortex-m7",
-        debian_flags: "-C linker=ld.lld-19 -C linker-flavor=ld.lld",
-    };
-    firmware.build(&built).map_err(|e| {
-        format!(
-            "{e}\nif a_panic_is_reachable is what the linker misses, tests/device/src/lib.rs says \
-             how to find out from where"
-        )
-    })?;
+    sh(cargo(["fmt", "--check"]).current_dir(root().join("tests/device")))?;
     if output(&mut command(EMULATOR, ["--version"])).is_err() {
         install(&[EMULATOR])?;
     }
-    for (name, fingerprint) in ["chain", "search"].into_iter().zip(FITS) {
-        let program = built.join(TARGET).join("release").join(name);
-        without_panic_and_heap(&program)?;
-        let printed = output(command(EMULATOR, MACHINE).arg(program))?;
-        let (mut lines, mut rows) = (Vec::new(), Vec::new());
-        for line in printed.lines() {
-            match line.strip_prefix("row ") {
-                Some(row) => rows.push(row),
-                None if line.ends_with(" B") || line.ends_with(" instructions") => {
-                    println!("{line}");
+    DEVICES.iter().try_for_each(Device::check)
+}
+
+impl Device {
+    fn check(&self) -> Outcome {
+        let &Self { name, target: triple, flags, features, board, firmwares, golden } = self;
+        let built = target().join("device");
+        let crate_ = root().join("tests/device");
+        let firmware = Cross {
+            target: triple,
+            crate_: &crate_,
+            arguments: &[&["build", "--release"], features].concat(),
+            std: BARE,
+            flags,
+            debian_flags: "-C linker=ld.lld-19 -C linker-flavor=ld.lld",
+        };
+        firmware.build(&built).map_err(|e| {
+            format!(
+                "{e}\nif a_panic_is_reachable is what the linker misses, tests/device/src/lib.rs \
+                 says how to find out from where"
+            )
+        })?;
+        for (firmware, fingerprint) in firmwares {
+            let program = built.join(triple).join("release").join(firmware);
+            without_panic_and_heap(&program)?;
+            let printed = output(command(EMULATOR, ["-M", board]).args(MACHINE).arg(program))?;
+            let (mut lines, mut rows) = (Vec::new(), Vec::new());
+            for line in printed.lines() {
+                match line.strip_prefix("row ") {
+                    Some(row) => rows.push(row),
+                    None if line.ends_with(" B") || line.ends_with(" instructions") => {
+                        println!("{line}");
+                    }
+                    None => lines.push(line),
                 }
-                None => lines.push(line),
             }
+            golden.compare(name, &[fingerprint], &lines.join("\n"))?;
+            let place = name.to_lowercase().replace(' ', "-");
+            save(&rows, &target().join(format!("device-{place}-{firmware}.png")))?;
         }
-        Case::Small.compare("Cortex-M7", &[fingerprint], &lines.join("\n"))?;
-        save(&rows, &target().join(format!("device-{name}.png")))?;
+        Ok(())
     }
-    Ok(())
 }
 
 /// Looks at what was linked: no panic handler, nothing that would call it, no allocator. The

@@ -2,7 +2,7 @@
 //! And what the shells that compute them ask for.
 
 use crate::Outcome;
-use crate::shell::{cargo, root, run as sh, target};
+use crate::shell::{cargo, output, root, run as sh, target};
 use std::fs;
 use std::path::PathBuf;
 
@@ -29,6 +29,10 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
         sh(cargo(test).arg(name).env(WRITE, what))?;
     }
     if arguments.is_empty() {
+        let case = ["run", "--quiet", "--release", "--package", "onescan-case", "--example"];
+        let hashes = output(cargo(case).args(["fingerprint", "--features", "micromath"]))?;
+        let path = Case::Micromath.golden();
+        fs::write(&path, hashes).map_err(|e| format!("{}: {e}", path.display()))?;
         let test = ["test", "--release", "--package", "onescan-core", "--lib", RANKS.0];
         sh(cargo(test).env(RANKS.1, root().join("docs/ranks.svg")))?;
     }
@@ -41,17 +45,20 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 pub(crate) enum Case {
     /// That of tests/case: made for a microcontroller, and for its settings.
     Small,
+    /// The same by a core with the feature `micromath`, which rounds otherwise.
+    Micromath,
     /// A default chain of a full-size model.
     Full,
 }
 
 impl Case {
+    /// Those of the core as it is.
     pub(crate) const ALL: [Self; 2] = [Self::Small, Self::Full];
 
     /// Where `face.3dmm`, `photo.ppm` and `photo.tlms` are. Those of the full-size case are made
     /// by the test that fits it by the program, if they are not there.
     pub(crate) fn inputs(self) -> Result<PathBuf, String> {
-        if self == Self::Small {
+        if self != Self::Full {
             return Ok(root().join("fixtures/device"));
         }
         let place = target().join("full");
@@ -64,7 +71,11 @@ impl Case {
 
     /// The file of golden lines: a name and a hash each.
     pub(crate) fn golden(self) -> PathBuf {
-        let name = if self == Self::Small { "device.txt" } else { "full.txt" };
+        let name = match self {
+            Self::Small => "device.txt",
+            Self::Micromath => "micromath.txt",
+            Self::Full => "full.txt",
+        };
         root().join("fixtures/golden").join(name)
     }
 
@@ -81,7 +92,7 @@ impl Case {
                 return Err(format!("{who} computes {line}, every other target {expected}"));
             }
         }
-        let size = if self == Self::Small { "small" } else { "full" };
+        let size = if self == Self::Full { "full" } else { "small" };
         for wanted in names {
             let line = found.lines().find(|line| name(line) == *wanted);
             let line = line.ok_or_else(|| format!("{who} says nothing of {wanted}"))?;

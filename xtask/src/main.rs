@@ -93,7 +93,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "device",
         usage: "device",
-        about: "fits on an emulated Cortex-M7: golden bits, within 256 KB of RAM and 512 of flash",
+        about: "fits on emulated Cortex-M7 and M3: golden bits, within 256 KB of RAM and 512 of flash",
         run: device::run,
     },
     Command {

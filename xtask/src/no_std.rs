@@ -60,6 +60,9 @@ fn maths() -> Outcome {
         if !simba.is_some_and(|line| has(line, "libm_force")) {
             return Err(format!("{who} builds nalgebra without libm-force: {simba:?}"));
         }
+        if lines.lines().any(|line| line.starts_with("onescan-core ") && has(line, "micromath")) {
+            return Err(format!("{who} builds the core with the feature micromath: other bits"));
+        }
     }
     only_in_math_rs(&root().join("core/src"))
 }
@@ -83,7 +86,9 @@ fn only_in_math_rs(directory: &Path) -> Outcome {
             only_in_math_rs(&path)?;
         } else if !path.ends_with("math.rs") {
             let text = fs::read_to_string(&path).map_err(fault)?;
-            for door in ["libm::", "num_traits", "ComplexField", "RealField", ".mul_add("] {
+            for door in
+                ["libm::", "micromath::", "num_traits", "ComplexField", "RealField", ".mul_add("]
+            {
                 if let Some(line) = text.lines().position(|line| line.contains(door)) {
                     let (path, line) = (path.display(), line + 1);
                     return Err(format!("{path}:{line}: {door} belongs into math.rs alone"));

@@ -1,6 +1,6 @@
 //! The Metropolis–Hastings chain: one step at a time, driven by the caller.
 //!
-//! A fit goes through the phases of its [`Schedule`] (FACTS §6.6): of a face, the *landmark* stage
+//! A fit goes through the phases of its [`Schedule`], as in the paper: of a face, the *landmark* stage
 //! moves the pose alone and looks at the landmarks alone; the *image* stage starts from its best
 //! state, moves everything and looks at the picture. Between them there may be a *shape* stage,
 //! which moves pose and shape and looks at the landmarks.

@@ -69,7 +69,7 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// Of a face (FACTS §6.6): the pose by the landmarks; everything by the picture. Rotations hold
+    /// Of a face, as in the paper: the pose by the landmarks; everything by the picture. Rotations hold
     /// a landmark of [`CENTRES`] in place. Between the two there may be a phase that moves pose and
     /// shape by the landmarks.
     pub const FACE: Self = Self {

@@ -1,4 +1,4 @@
-//! Background model: the picture's own colour histogram (Schönborn et al. 2015; FACTS §5.3).
+//! Background model: the picture's own colour histogram (Schönborn et al. 2015).
 
 /// Bins per channel.
 pub const BINS: usize = 25;

@@ -2,7 +2,7 @@
 //!
 //! The target of the image chain is
 //! `prior(scene) · landmarks(scene) · Π_covered pixels foreground / background`
-//! (Schönborn et al. 2015, 2017; FACTS §5).
+//! (Schönborn et al. 2015, 2017).
 
 pub mod background;
 pub mod landmarks;

@@ -5,8 +5,8 @@ use crate::rng::Rng;
 
 /// Adds to gain (each channel), contrast and offset (each channel): symmetric.
 ///
-/// The reference engine draws new gains and contrasts and then discards them (FACTS §6.2); here
-/// all seven numbers move, held near neutral by the prior.
+/// The reference engine draws new gains and contrasts and then discards them; here all
+/// seven numbers move, held near neutral by the prior.
 pub(super) fn perturb(
     color: &mut ColorTransform,
     gain_sd: f32,

@@ -1,4 +1,4 @@
-//! Moves of the spherical-harmonics light (FACTS §4.4), with the corrections that make them
+//! Moves of the spherical-harmonics light (Schönborn et al. 2017), with the corrections that make them
 //! reversible.
 
 use crate::light::Light;

@@ -1,4 +1,4 @@
-//! Moves of pose and camera (FACTS §6.2).
+//! Moves of pose and camera, as the reference engine has them.
 
 use super::kinds::Axis;
 use crate::math;

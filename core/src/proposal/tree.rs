@@ -35,7 +35,7 @@ macro_rules! rotations {
     };
 }
 
-/// Rotation, distance and scaling (FACTS §6.1 "NT").
+/// Rotation, distance and scaling, in the widths of the paper's released program.
 const TURN: Tree = Mixture(&[
     (
         1.0,
@@ -123,7 +123,7 @@ pub const POSE_AND_SHAPE: Tree = Mixture(&[(1.0, POSE), (3.0, SHAPE_COEFFICIENTS
 /// [`POSE_AND_SHAPE`] of an object.
 pub const OBJECT_POSE_AND_SHAPE: Tree = Mixture(&[(1.0, OBJECT_POSE), (3.0, SHAPE_COEFFICIENTS)]);
 
-/// All moves of a face fit (FACTS §6.1).
+/// All moves of a face fit, in the proportions of the paper's released program.
 pub const FACE: Tree = Mixture(&[(1.0, POSE), (1.0, COLOR), (3.0, COEFFICIENTS), (2.0, LIGHT)]);
 
 /// All moves of the fit of an object. (The reference engine does not solve for its light.)

@@ -1,5 +1,5 @@
 //! How good a model is: compactness, generalization, specificity (Styner et al. 2003; the paper,
-//! section "Specificity, Generalization, and Compactness"; FACTS §2.6).
+//! section "Specificity, Generalization, and Compactness").
 //!
 //! | measure | of the first M components | better |
 //! |---|---|---|

@@ -190,7 +190,7 @@ mod tests {
         (0..120).map(|i| Vertex { position: position(i), color: color(i) }).collect()
     }
 
-    /// With every vertex in the sample (FACTS 2.1's test property): the covariance is the kernel's
+    /// With every vertex in the sample nothing is approximated: the covariance is the kernel's
     /// to the tolerance of the factorisation, and the eigenvalues sum to its trace.
     #[test]
     fn nystrom_reproduces_the_kernel_where_nothing_is_truncated() {

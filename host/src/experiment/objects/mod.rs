@@ -46,7 +46,7 @@ const NOISE: f32 = 0.02;
 /// Stream of random numbers that draws the animals.
 const ANIMALS: u32 = 0xa1;
 
-/// How such fits are made (FACTS §6.1, §6.6): landmarks to 2 pixels, and, by a chain, between pose
+/// How such fits are made, as in the paper's released program: landmarks to 2 pixels, and, by a chain, between pose
 /// and picture a stage that lets the shape follow them.
 pub fn config(schedule: Schedule, model: &Model<'_>) -> Config {
     schedule.config(model, SIDE).with(|config| {
