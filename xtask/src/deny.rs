@@ -1,7 +1,7 @@
 //! `cargo xtask deny`: licences, bans and sources of all crates, by cargo-deny and as deny.toml says,
 //! without asking the network.
 
-use crate::shell::{command, output, root, run as sh, target};
+use crate::shell::{cargo, command, output, root, run as sh, target};
 use crate::{Outcome, no_arguments};
 
 /// As Python's package index has it: compiled. Compiling it would take longer than all our tests.
@@ -28,6 +28,8 @@ pub(crate) fn check() -> Outcome {
         }
     }
     MANIFESTS.iter().try_for_each(|manifest| {
+        // Crates of other systems and of features that nothing has built yet.
+        sh(&mut cargo(["fetch", "--quiet", "--locked", "--manifest-path", manifest]))?;
         let mut look = command(&deny, ["--offline", "--manifest-path", manifest, "--config"]);
         sh(look.arg(root().join("deny.toml")).args([
             "check",
