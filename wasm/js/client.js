@@ -18,14 +18,24 @@ const METHODS = /** @type {const} */ ([
  * Starts a worker. Of its events, `progress` tells how a fit goes (see `LiveProgress` in
  * worker.js).
  *
- * The worker is born of a line of script instead of its file, because such a one inherits the
- * page's Content-Security-Policy: what the page may not load, the worker may not either.
+ * The worker is born of some lines of script instead of its file, because such a one inherits the
+ * page's Content-Security-Policy: what the page may not load, the worker may not either. They keep what is
+ * said before its file is there. (With a plain import, Firefox would not ask the service worker for it.)
  * @param {URL} [url] Of worker.js.
  * @returns {EventTarget & Remote}
  */
 export function connect(url = new URL('./worker.js', import.meta.url)) {
-  const line = new Blob([`import ${JSON.stringify(url.href)};`], { type: 'text/javascript' });
-  const birth = URL.createObjectURL(line);
+  const lines = `
+    const early = [];
+    self.onmessage = ({ data }) => early.push(data);
+    import(${JSON.stringify(url.href)}).then(
+      () => {
+        self.onmessage = null;
+        for (const data of early) self.dispatchEvent(new MessageEvent('message', { data }));
+      },
+      (error) => setTimeout(() => { throw error; }),
+    );`;
+  const birth = URL.createObjectURL(new Blob([lines], { type: 'text/javascript' }));
   const worker = new Worker(scriptUrl(birth), { type: 'module' });
   const target = new EventTarget();
   /** @type {Map<number, { resolve: (value: any) => void, reject: (error: Error) => void }>} */

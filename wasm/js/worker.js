@@ -9,7 +9,7 @@ import { create } from './onescan.js';
 /** @typedef {{ width: number, height: number, picture: ImageBitmap }} PhotoFacts */
 /** @typedef {{ overlay: ImageBitmap, behind: ImageBitmap, mask: ImageBitmap }} LivePictures The face over the photo, the same behind what hides it, and the mask. */
 /** @typedef {Progress & { trace: import('./onescan.js').TracePoint[], levels: import('./onescan.js').Level[], photo: number, crop: number[], pictures?: LivePictures }} LiveProgress The pictures are of the photo of this number: of the one that is watched, and at the end of all. */
-/** @typedef {{ yaw: number, pitch: number, width: number, height: number, ground: number }} Camera */
+/** @typedef {{ yaw: number, pitch: number, width: number, height: number, ground: number, fine?: boolean }} Camera Fine: with smooth edges, which takes longer. */
 /** @typedef {{ shape: Float32Array, albedo: Float32Array }} Coefficients */
 
 /** Longest side of the photo that is sent to be shown, pixels. */
@@ -190,21 +190,21 @@ const methods = {
   },
 
   /** @param {Camera} camera */
-  async draw({ width, height, yaw, pitch, ground }) {
-    return bitmap(need(viewer, 'model').draw(width, height, yaw, pitch, ground));
+  async draw({ width, height, yaw, pitch, ground, fine = false }) {
+    return bitmap(need(viewer, 'model').draw(width, height, yaw, pitch, ground, fine));
   },
 
   /** Draws the mean, whatever is shown. @param {Camera} camera */
   async drawMean({ width, height, yaw, pitch, ground }) {
     const mean = (await program).viewer(need(model, 'model'));
-    const picture = await bitmap(mean.draw(width, height, yaw, pitch, ground));
+    const picture = await bitmap(mean.draw(width, height, yaw, pitch, ground, true));
     mean.free();
     return picture;
   },
 
   /** @param {Camera} camera */
   png({ width, height, yaw, pitch, ground }) {
-    const pixels = need(viewer, 'model').draw(width, height, yaw, pitch, ground);
+    const pixels = need(viewer, 'model').draw(width, height, yaw, pitch, ground, true);
     const bytes = new Uint8Array(pixels.png());
     pixels.free();
     return bytes;

@@ -159,7 +159,6 @@ async function openModel(name, bytes) {
   element('model-facts', HTMLElement).textContent =
     `${name}: ${vertices} vertices, ${shapeRank} shape and ${albedoRank} albedo components.`;
   showFace(await client.mean());
-  element('dress-tool', HTMLElement).hidden = true;
   element('numbers', HTMLElement).hidden = true;
   element('result', HTMLElement).hidden = false;
 }
@@ -217,6 +216,7 @@ function unused(name) {
 
 /** Lays aside what was fitted to other photos than these. */
 function forget() {
+  if (state.fitted) client.mean().then(showFace);
   state.fitted = undefined;
   for (const shot of state.shots) editor.overlay(shot);
   for (const id of ['fitted-tools', 'live', 'numbers']) element(id, HTMLElement).hidden = true;
@@ -514,10 +514,9 @@ on('fit', async () => {
   // The albedo alone is nobody's skin to the eye: light makes it one.
   element('light', HTMLSelectElement).value = 'photo';
   await client.light('photo', position());
-  showFace(fitted);
   input('dress').checked = true;
-  element('dress-tool', HTMLElement).hidden = false;
-  dress();
+  // Its colours take the worker a while, so the face itself comes first.
+  attempt(() => showFace(fitted).then(dress));
   say('Done. Compare with the photo by the sliders; the face is below, to turn, change and save.');
 });
 on('pause', async () => {
@@ -569,20 +568,29 @@ function showNumbers() {
 // ---- the face
 
 /** @param {import('../js/worker.js').Coefficients} coefficients */
-function showFace(coefficients) {
+async function showFace(coefficients) {
   sliders.show(coefficients);
   button('show-fitted').disabled = !state.fitted;
   const light = element('light', HTMLSelectElement);
   const photo = /** @type {HTMLOptionElement} */ (light.querySelector('[value=photo]'));
   photo.disabled = !state.fitted;
-  if (!state.fitted && light.value === 'photo') light.value = 'front';
-  view.draw();
+  element('dress-tool', HTMLElement).hidden = !state.fitted;
+  if (!state.fitted && light.value === 'photo') {
+    light.value = 'front';
+    await client.light('front');
+  }
+  await view.draw();
 }
 
 /** Lays the photo's colours on the face, or takes them off. */
 async function dress() {
-  await client.dress(input('dress').checked);
-  view.draw();
+  const { checked } = input('dress');
+  // A new photo may have come meanwhile.
+  if (!state.fitted) return;
+  input('dress').disabled = true;
+  await client.dress(checked);
+  input('dress').disabled = false;
+  await view.draw();
 }
 
 on('show-fitted', async () => showFace(await client.fitted()));
@@ -610,7 +618,10 @@ for (const link of document.querySelectorAll('[data-save]')) {
   link.addEventListener('click', () => attempt(() => saveFile(link.getAttribute('data-save') ?? '')));
 }
 
-element('not-started', HTMLElement).remove();
-say('Drop or choose a photo, or try one of the samples.');
 refresh();
-loading = attempt(loadModel);
+// Some browsers start a page from a file, but let it load nothing.
+if (location.protocol !== 'file:') {
+  element('not-started', HTMLElement).remove();
+  say('Drop or choose a photo, or try one of the samples.');
+  loading = attempt(loadModel);
+}

@@ -6,6 +6,8 @@ import { context } from './dom.js';
 const DRAG = 2.5;
 /** Radians an arrow key turns. */
 const KEY = Math.PI / 24;
+/** Milliseconds without a change after which the face is drawn finely. */
+const REST = 120;
 /** As far as the face is looked at from above and below. */
 const PITCH = 1.2;
 
@@ -56,20 +58,29 @@ export class View {
     this.draw();
   }
 
-  /** Draws it as it is now; if the worker is at it, once more afterwards. */
+  /** Draws it as it is now; if the worker is at it, once more afterwards; and finely once it rests. */
   async draw() {
     this.#stale = true;
     if (this.#drawing) return;
     this.#drawing = true;
+    this.#canvas.ariaBusy = 'true';
     try {
       while (this.#stale) {
-        this.#stale = false;
-        const picture = await this.#client.draw(this.camera);
-        context(this.#canvas).drawImage(picture, 0, 0);
-        picture.close();
+        await this.#show(false);
+        if (!this.#stale) await new Promise((rested) => setTimeout(rested, REST));
+        if (!this.#stale) await this.#show(true);
       }
     } finally {
       this.#drawing = false;
+      this.#canvas.ariaBusy = 'false';
     }
+  }
+
+  /** @param {boolean} fine */
+  async #show(fine) {
+    this.#stale = false;
+    const picture = await this.#client.draw({ ...this.camera, fine });
+    context(this.#canvas).drawImage(picture, 0, 0);
+    picture.close();
   }
 }

@@ -256,14 +256,8 @@ impl Fit {
         let summaries = jobs.iter().zip(&fits).enumerate();
         let summaries = summaries.map(|(i, (job, fit))| output::summarize(job, fit, &names, i));
         let summaries = summaries.collect::<Result<_>>()?;
-        Ok(Fitted {
-            of: self,
-            fits,
-            names,
-            summaries,
-            files: OnceCell::new(),
-            skins: Default::default(),
-        })
+        let (files, skins) = (OnceCell::new(), [OnceCell::new(), OnceCell::new()]);
+        Ok(Fitted(Rc::new(Ended { of: self, fits, names, summaries, files, skins })))
     }
 }
 
@@ -366,7 +360,9 @@ fn look(model: &View<'_>, photo: Rc<Picture>, landmarks: &str, side: u32, sd: f3
 
 /// A finished fit.
 #[wasm_bindgen]
-pub struct Fitted {
+pub struct Fitted(pub(crate) Rc<Ended>);
+
+pub(crate) struct Ended {
     of: Fit,
     fits: Vec<fit::Fit>,
     names: Names,
@@ -383,7 +379,7 @@ impl Fitted {
     /// # Errors
     /// No photo of this number.
     pub fn json(&self, photo: Option<usize>) -> Result<String, JsError> {
-        let summary = self.summaries.get(photo.unwrap_or(0)).ok_or_else(missing)?;
+        let summary = self.0.summaries.get(photo.unwrap_or(0)).ok_or_else(missing)?;
         Ok(summary.to_json()?)
     }
 
@@ -393,15 +389,15 @@ impl Fitted {
     /// # Errors
     /// None of a fit that came to its end.
     pub fn files(&self) -> Result<Vec<File>, JsError> {
-        if let Some(files) = self.files.get() {
+        if let Some(files) = self.0.files.get() {
             return Ok(files.clone());
         }
-        let files = self.make()?;
-        Ok(self.files.get_or_init(|| files).clone())
+        let files = self.0.make()?;
+        Ok(self.0.files.get_or_init(|| files).clone())
     }
 }
 
-impl Fitted {
+impl Ended {
     /// What the face looks like, by its photos. Made when first asked for.
     pub(crate) fn skin(&self, kind: Kind) -> Result<Rc<Skin>> {
         let [photo, albedo] = &self.skins;

@@ -1,6 +1,6 @@
 //! A face to play with: any coefficients, from any side, in any light.
 
-use crate::fit::Fitted;
+use crate::fit::{Ended, Fitted};
 use crate::{File, Model, Opened, Pixels};
 use onescan::error::{Error, Result};
 use onescan::fit::summary::Summary;
@@ -17,6 +17,9 @@ use onescan_core::scene::{Coefficients, MAX_RANK, Scene, Subject, View};
 use std::rc::Rc;
 use wasm_bindgen::prelude::*;
 
+/// Samples along a side of a pixel that is finely drawn.
+const FINER: u32 = 2;
+
 /// A model's instance, drawn by the core's rasterizer.
 #[wasm_bindgen]
 pub struct Viewer {
@@ -30,11 +33,10 @@ pub struct Viewer {
 
 /// The colours of a fit's photos, for the faces of the albedo that was fitted.
 struct Dress {
+    fit: Rc<Ended>,
     /// Without light.
-    albedo: Rc<Skin>,
-    /// In the first photo's light.
-    photo: Rc<Skin>,
-    of: Vec<f32>,
+    skin: Rc<Skin>,
+    albedo: Vec<f32>,
 }
 
 #[wasm_bindgen]
@@ -84,7 +86,7 @@ impl Viewer {
 
     /// The face of a fit.
     pub fn adopt(&mut self, fitted: &Fitted) {
-        if let Some(Summary { parameters, .. }) = fitted.summaries.first() {
+        if let Some(Summary { parameters, .. }) = fitted.0.summaries.first() {
             self.set(&parameters.subject.shape, &parameters.subject.albedo);
         }
     }
@@ -95,10 +97,11 @@ impl Viewer {
     /// # Errors
     /// None of a fit that came to its end.
     pub fn dress(&mut self, fitted: &Fitted) -> Result<(), JsError> {
-        let [photo, albedo] = [fitted.skin(Kind::Photo)?, fitted.skin(Kind::Albedo)?];
-        let first = fitted.summaries.first();
-        let of = first.map(|summary| summary.parameters.subject.albedo.to_vec());
-        self.dress = Some(Dress { albedo, photo, of: of.unwrap_or_default() });
+        let fit = Rc::clone(&fitted.0);
+        let first = fit.summaries.first();
+        let albedo = first.map(|summary| summary.parameters.subject.albedo.to_vec());
+        let (skin, albedo) = (fit.skin(Kind::Albedo)?, albedo.unwrap_or_default());
+        self.dress = Some(Dress { fit, skin, albedo });
         Ok(())
     }
 
@@ -128,17 +131,27 @@ impl Viewer {
     /// The light and the colours of a fitted photo; of the first if there is none of this number.
     #[wasm_bindgen(js_name = illuminateAs)]
     pub fn illuminate_as(&mut self, fitted: &Fitted, photo: Option<usize>) {
-        let all = &fitted.summaries;
+        let all = &fitted.0.summaries;
         if let Some(Summary { parameters, .. }) = all.get(photo.unwrap_or(0)).or(all.first()) {
             (self.light, self.color) = (parameters.view.light, parameters.view.color);
         }
     }
 
-    /// Draws it on a ground of one colour (`0xrrggbb`), turned by radians.
-    pub fn draw(&self, width: u32, height: u32, yaw: f32, pitch: f32, ground: u32) -> Pixels {
+    /// Draws it on a ground of one colour (`0xrrggbb`), turned by radians; `fine` with smooth edges, which
+    /// takes four times as long.
+    pub fn draw(
+        &self,
+        width: u32,
+        height: u32,
+        yaw: f32,
+        pitch: f32,
+        ground: u32,
+        fine: bool,
+    ) -> Pixels {
         let model = self.model.borrow_dependent();
         let [_, r, g, b] = ground.to_be_bytes();
-        let size = [width, height].map(|side| side.clamp(1, 2048));
+        let shown = [width, height].map(|side| side.clamp(1, 2048));
+        let size = shown.map(|side| if fine { FINER * side } else { side });
         let portrait = render::portrait(model, size, yaw, pitch);
         let coefficients = |values: &[f32]| {
             // As long as the model's rank or MAX_RANK, made so.
@@ -152,10 +165,11 @@ impl Viewer {
             view: View { light: self.light, color: self.color, ..portrait.view },
         };
         let ground = [r, g, b];
-        Pixels(match self.worn() {
-            Some(dress) => texture::show(model, &scene, &dress.albedo, ground),
+        let drawn = match self.worn() {
+            Some(dress) => texture::show(model, &scene, &dress.skin, ground, 1),
             None => render::draw_on(model, &scene, ground),
-        })
+        };
+        Pixels(if fine { drawn.resized(shown[0], shown[1]) } else { drawn })
     }
 
     /// Where a landmark of the model's mean is in such a picture; nothing if it has none of that
@@ -177,7 +191,7 @@ impl Viewer {
     pub fn files(&self) -> Result<Vec<File>, JsError> {
         let mesh = render::instance(self.model.borrow_dependent(), &self.shape, &self.albedo);
         let bytes = match self.worn() {
-            Some(dress) => glb::encode_with(&mesh, &dress.photo, "face")?,
+            Some(dress) => glb::encode_with(&mesh, &*dress.fit.skin(Kind::Photo)?, "face")?,
             None => glb::encode(&mesh, "face")?,
         };
         Ok(vec![
@@ -191,7 +205,7 @@ impl Viewer {
     /// What the face wears: nothing if its albedo is another than the fitted.
     fn worn(&self) -> Option<&Dress> {
         let fitted = |dress: &&Dress| {
-            let mut both = self.albedo.iter().zip(&dress.of);
+            let mut both = self.albedo.iter().zip(&dress.albedo);
             both.all(|(own, fitted)| own == fitted)
         };
         self.dress.as_ref().filter(fitted)

@@ -87,6 +87,9 @@ async function accessible(page) {
   }
 }
 
+/** The face is drawn as it is to be. */
+const rested = (page) => page.waitForSelector('#dress:enabled, #dress-tool[hidden]', { state: 'attached' }).then(() => page.waitForSelector('#view[aria-busy="false"]'));
+
 /** The colours of a canvas, shrunk to a few. */
 const look = (page, id) =>
   page.evaluate((canvasId) => {
@@ -146,10 +149,11 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   assert.ok(mask.some((x, i) => i % 4 < 3 && x < 30) && mask.some((x, i) => i % 4 < 3 && x > 225));
   await shot(page, 'done');
 
+  await rested(page);
   const frontal = await look(page, 'view');
   await page.locator('#view').focus();
   for (let i = 0; i < 4; i += 1) await page.keyboard.press('ArrowRight');
-  await page.waitForTimeout(500);
+  await rested(page);
   const turned = await look(page, 'view');
   assert.ok(difference(frontal, turned) > 2, 'arrow keys turn the face');
   const box = await page.locator('#view').boundingBox();
@@ -157,16 +161,18 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   await page.mouse.down();
   await page.mouse.move(box.x + 100, box.y + 220, { steps: 5 });
   await page.mouse.up();
-  await page.waitForTimeout(500);
+  await rested(page);
   assert.ok(difference(turned, await look(page, 'view')) > 2, 'dragging turns the face');
   await page.selectOption('#light', 'left');
   await page.click('#show-random');
-  await page.waitForTimeout(500);
+  await page.waitForTimeout(100);
+  await rested(page);
   await shot(page, 'random');
   const slider = page.locator('#sliders input').first();
   const random = await look(page, 'view');
   await slider.fill('3');
-  await page.waitForTimeout(500);
+  await page.waitForTimeout(100);
+  await rested(page);
   assert.ok(difference(random, await look(page, 'view')) > 0.2, 'a slider changes the face');
   // All components have one, the most in folds.
   const folds = page.locator('#sliders summary');
@@ -175,7 +181,8 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
   await page.waitForFunction((count) => document.querySelectorAll('#sliders input').length === count, shape.length + albedo.length);
   const early = await look(page, 'view');
   await page.locator('#sliders label', { hasText: '25' }).first().locator('input').fill('-3');
-  await page.waitForTimeout(500);
+  await page.waitForTimeout(100);
+  await rested(page);
   assert.ok(difference(early, await look(page, 'view')) > 0.05, 'so does one of a fold');
   await shot(page, 'folds');
   for (const fold of await folds.all()) await fold.click();
@@ -188,11 +195,12 @@ test('a sample is fitted to the native fingerprint, turned, changed, saved', { t
     return JSON.parse(bytes.subarray(20, 20 + bytes.readUInt32LE(12)).toString());
   };
   assert.equal((await glb()).images.length, 1);
-  await page.waitForTimeout(500);
+  await rested(page);
   const dressed = await look(page, 'view');
   await shot(page, 'textured');
   await page.uncheck('#dress');
-  await page.waitForTimeout(500);
+  await page.waitForTimeout(100);
+  await rested(page);
   assert.ok(difference(dressed, await look(page, 'view')) > 0.5, 'the photo’s colours are seen');
   assert.equal((await glb()).images, undefined);
   await page.check('#dress');
@@ -231,7 +239,7 @@ test('Chromium computes the golden stages and fits', { timeout: 300_000 }, async
     compare(found, golden('device'));
   }
   // The page's own program, a model of full size, everything by default.
-  await page.locator('summary').click();
+  await page.locator('#steps summary').click();
   await page.setInputFiles('#model', join(process.env.FULL, 'face.3dmm'));
   await said(page, 'face.3dmm is the model now');
   await page.click('[data-sample="astronaut.png"]');
@@ -380,11 +388,11 @@ for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE
     await accessible(page);
     const front = { photo: await look(page, 'photo'), mask: await look(page, 'mask') };
     const facts = await page.locator('#facts').innerText();
-    await page.selectOption('#light', 'photo');
-    await page.waitForTimeout(300);
+    await rested(page);
     const lit = await look(page, 'view');
     await tabs.nth(1).click();
     await page.waitForTimeout(300);
+    await rested(page);
     assert.ok(difference(lit, await look(page, 'view')) > 1, 'the face is lit as in the photo that is shown');
     assert.ok(difference(front.photo, await look(page, 'photo')) > 2, 'the other photo is shown');
     assert.ok(difference(front.mask, await look(page, 'mask')) > 1, 'with its mask');
@@ -423,6 +431,9 @@ for (const [device, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE
     assert.equal(await tabs.count(), 0);
     assert.equal(await place(), first);
     assert.equal(await page.locator('#numbers').isVisible(), false);
+    // Nor is its face there any more.
+    assert.equal(await page.locator('#dress').isVisible(), false);
+    assert.equal(await page.locator('#light').inputValue(), 'front');
     assert.equal(await page.locator('#fit').isDisabled(), false);
     const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
     assert.equal(overflow, 0, 'nothing is wider than the screen');
@@ -632,7 +643,7 @@ test('what is damaged is refused with a message, and nothing is lost', async () 
   await said(page, 'notes.txt: not a picture this browser reads');
   const bytes = Buffer.from(model());
   bytes[100_000] ^= 1;
-  await page.locator('summary').click();
+  await page.locator('#steps summary').click();
   await page.setInputFiles('#model', file('own.3dmm', bytes));
   await said(page, 'own.3dmm: ');
   assert.match(await message(page), /damaged|checksum/);
@@ -768,7 +779,7 @@ test('nothing leaves the page', async () => {
   const policy = await page.getAttribute('meta[http-equiv="Content-Security-Policy"]', 'content');
   assert.match(policy, /connect-src 'self';/);
   assert.doesNotMatch(policy, /'unsafe-(eval|inline)'/);
-  // The worker alone is born of a line of script, and no address is a script's by chance.
+  // The worker alone is born of lines of script, and no address is a script's by chance.
   assert.deepEqual(policy.split('; ').filter((rule) => rule.includes('blob:')), ["worker-src 'self' blob:"]);
   assert.equal(await page.evaluate(() => { try { new Worker('js/worker.js'); } catch (error) { return error.name; } }), 'TypeError');
   const elsewhere = 'http://localhost:9/';

@@ -30,6 +30,8 @@ const SIDE: u32 = 512;
 const SIDES: [f32; 2] = [-0.9, 0.9];
 /// And of the one that shows the mesh in its skin.
 const TURN: f32 = -0.6;
+/// Samples along a side of a pixel of those pictures.
+const SAMPLES: u32 = 2;
 
 /// Colours of landmarks: where they were marked, the same far off, and where the fit has them.
 const MARKED: Rgb = [255, 220, 60];
@@ -324,7 +326,7 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary, skin: &Skin) -> Result<
     scene.view.camera.image_size = crop.scaled_to;
     let sides = SIDES
         .map(|yaw| render::draw_on(job.model, &turned(job.model, &scene, yaw), render::GROUND));
-    let show = |scene: &Scene| texture::show(job.model, scene, skin, render::GROUND);
+    let show = |scene: &Scene| texture::show(job.model, scene, skin, render::GROUND, SAMPLES);
     let mut seen = fit.best.scene.clone();
     seen.view.camera = render::resampled_camera(&seen.view.camera, crop.scaled_to);
     let on_photo = render::draw_over(job.model, &scene, &photo)?;

@@ -8,15 +8,13 @@ use onescan_core::model::Model;
 use onescan_core::render::shade::Shader;
 use onescan_core::scene::Scene;
 
-/// Samples per pixel along each side.
-const SAMPLES: u32 = 2;
-
 /// Draws the model in its skin over a plain colour: as the skin has it, or under the scene's light and
 /// colours if it is to be lit. `scene` gives the shape, but not the albedo.
-pub fn show(model: &Model<'_>, scene: &Scene, skin: &Skin, ground: Rgb) -> Picture {
+/// Each pixel has `samples` along each side.
+pub fn show(model: &Model<'_>, scene: &Scene, skin: &Skin, ground: Rgb, samples: u32) -> Picture {
     let size = scene.view.camera.image_size;
     let mut scene = scene.clone();
-    let finer = size.map(|side| side * SAMPLES);
+    let finer = size.map(|side| side * samples);
     scene.view.camera = render::resampled_camera(&scene.view.camera, finer);
     let [width, height] = finer;
     let shader = Shader::new(&scene.view);
@@ -48,7 +46,7 @@ pub fn show(model: &Model<'_>, scene: &Scene, skin: &Skin, ground: Rgb) -> Pictu
         })
     });
     let picture = picture.unwrap_or_else(|| Picture::filled(width, height, ground));
-    picture.resized(size[0], size[1])
+    if samples == 1 { picture } else { picture.resized(size[0], size[1]) }
 }
 
 fn color(skin: &Skin, corners: [u32; 3], weights: [f32; 3]) -> [f32; 3] {
