@@ -110,7 +110,10 @@ function refresh() {
   element('drop', HTMLElement).hidden = hasPhoto;
   element('stage-tools', HTMLElement).hidden = !hasPhoto;
   stage.classList.toggle('filled', hasPhoto);
-  element('by-hand', HTMLElement).hidden = !placing;
+  const byHand = element('by-hand', HTMLElement);
+  const begins = placing && byHand.hidden;
+  byHand.hidden = !placing;
+  if (begins) byHand.scrollIntoView({ block: 'nearest' });
   editor.placing(placing);
   editor.lock(busy !== 'idle');
   editor.show(busy === 'idle' && input('show-points').checked);
@@ -397,7 +400,7 @@ function takeFace(shot, number) {
   shot.face = number;
   setLandmarks(shot, faces[number].landmarks.filter(({ name }) => known.has(name)).map((point) => editor.inside(point)));
   const one = 'Found them. Drag what is wrong (eyebrows under glasses, say), then press Fit.';
-  say(faces.length > 1 ? `Found ${faces.length} faces; this is face ${number + 1}, by size. Choose another below, or press Fit.` : one);
+  say(faces.length > 1 ? `Found ${faces.length} faces; this is face ${number + 1}, by size. Take “Another face”, or press Fit.` : one);
 }
 
 on('detect', findLandmarks);
@@ -606,6 +609,7 @@ async function illuminate() {
 
 /** Saves a file by its ending; where each photo has its own, that of the photo that is shown. @param {string} ending */
 async function saveFile(ending) {
+  if (state.fitted) await client.dress(input('dress').checked);
   if (ending === 'face.png') return save(ending, await client.png(view.camera));
   const files = ending.startsWith('face.') ? await client.files() : await client.fitFiles();
   if (ending === 'fit.zip') return save(ending, zip(files));
