@@ -109,6 +109,28 @@ fn a_killed_fit_goes_on_from_its_last_checkpoint() {
 }
 
 #[test]
+fn a_killed_sampling_goes_on_from_its_last_checkpoint() {
+    let whole = tempdir().unwrap();
+    let line = format!("{FIT} --size 64 --posterior 3000 --chains 2");
+    Onescan::new(whole.path(), &line).succeed();
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join("fit").join(name);
+    Onescan::new(place.path(), &line).kill_once(&at("checkpoint.bin"));
+    assert!(!at("fit.json").exists());
+    // What was kept is of those settings and of no others.
+    let run = Onescan::new(place.path(), &format!("{line} --seed 9 --resume")).run();
+    assert_eq!(run.code, Some(1), "{run:?}");
+    assert!(run.stderr.contains("checkpoint.bin: it was saved by a fit of another"), "{run:?}");
+    Onescan::new(place.path(), &format!("{line} --resume")).succeed();
+    let [resumed, expected] =
+        [at("fit.json"), whole.path().join("fit/fit.json")].map(|path| json(&path));
+    assert_eq!(resumed["posterior"], expected["posterior"]);
+    let states = |folder: &Path| fs::read(folder.join("fit/posterior.h5")).unwrap();
+    assert!(states(place.path()) == states(whole.path()), "other states");
+    assert!(!at("checkpoint.bin").exists(), "a finished fit keeps no checkpoint");
+}
+
+#[test]
 fn a_fit_is_one_result_or_none() {
     let place = tempdir().unwrap();
     let at = |name: &str| place.path().join("fit").join(name);

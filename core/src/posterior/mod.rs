@@ -33,6 +33,7 @@ use core::f64::consts::FRAC_PI_2;
 use hamiltonian::{Density, Field, State, Trajectory};
 pub use metric::Metric;
 pub use precision::{improve, improve_words, widen};
+use serde::{Deserialize, Serialize};
 
 /// The most unknowns there may be.
 pub const MAX_UNKNOWNS: usize = Layout::MOST.len();
@@ -281,6 +282,19 @@ pub fn laplace<'w, const OTHERS: usize>(
     Ok(Laplace { deviations, ln_evidence: ln_mode - around.metric.ln_pivots() })
 }
 
+/// Where a chain stands after its warm-up. One that has had the same warm-up goes on from there with
+/// the same bits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Standing {
+    position: Unknowns,
+    force: Unknowns,
+    energy: f64,
+    rng: Rng,
+    steps: u32,
+    accepted: u32,
+    fingerprint: Fnv64,
+}
+
 /// A running chain.
 pub struct Sampler<'a, 'w, const OTHERS: usize = 0> {
     walk: Walk<Around<'a, 'w, OTHERS>>,
@@ -376,6 +390,36 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
             self.fingerprint.write_f32(&self.walk.state.position);
         }
         outcome
+    }
+
+    /// What it takes to go on from here.
+    pub fn standing(&self) -> Standing {
+        let State { position, force, energy } = self.walk.state.clone();
+        let Self { steps, accepted, fingerprint, .. } = *self;
+        Standing {
+            position,
+            force,
+            energy,
+            rng: self.walk.rng.clone(),
+            steps,
+            accepted,
+            fingerprint,
+        }
+    }
+
+    /// Goes on from where another stood after the same warm-up; `false`, and nothing changes, if that has
+    /// not as many unknowns.
+    pub fn go_on_from(&mut self, standing: &Standing) -> bool {
+        let Standing { position, force, energy, rng, .. } = standing.clone();
+        let n = self.unknowns();
+        if [&position, &force].iter().any(|numbers| numbers.len() != n) {
+            return false;
+        }
+        self.walk.state = State { position, force, energy };
+        self.walk.rng = rng;
+        (self.steps, self.accepted) = (standing.steps, standing.accepted);
+        self.fingerprint = standing.fingerprint;
+        true
     }
 
     /// The subject of the state.

@@ -14,7 +14,7 @@ use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
 use onescan::posterior::output::Spread;
-use onescan::posterior::{self, Request, warning};
+use onescan::posterior::{self, Request, sample_kept, warning};
 use onescan::progress::Console;
 use onescan::report;
 use onescan::texture::Kind;
@@ -65,7 +65,8 @@ use std::time::Duration;
 /// landmarks.tlms: move what is off (landmarks.png shows it), and give that file to --landmarks.
 ///
 /// A chain saves a checkpoint there every few seconds, and when Ctrl-C ends it; --resume goes on from
-/// it, with the same result as without the interruption. A search takes seconds and is made again.
+/// it, with the same result as without the interruption. A search takes seconds and is made again, and
+/// so is the warm-up of --posterior.
 #[derive(Args)]
 pub(super) struct Fit {
     /// The model, with landmarks: .3dmm, .h5 or .h5.json; or a mixture of models, .toml.
@@ -193,7 +194,8 @@ fn at_least_one(text: &str) -> std::result::Result<f32, String> {
 impl Fit {
     pub(super) fn run(mut self, console: Console) -> Result<()> {
         self.sort_out();
-        let idle = self.chain.given().filter(|&o| self.posterior.is_none() || o != "--chains");
+        let of_posteriors = |option| ["--chains", "--resume"].contains(&option);
+        let idle = self.chain.given().filter(|o| self.posterior.is_none() || !of_posteriors(*o));
         if let (Schedule::Mode, Some(option)) = (self.schedule, idle) {
             return Err(Error::new(format_args!(
                 "{option} is for chains, and --schedule mode (the default) runs none; add \
@@ -333,38 +335,36 @@ impl Fit {
         provenance: &str,
         console: Console,
     ) -> Result<()> {
-        let checkpoint = self.output.join("checkpoint.bin");
-        let resume = if self.chain.resume { Some(Save::read(&checkpoint)?) } else { None };
-        let ours = AtomicBool::new(self.chain.resume);
-        let keep = |save: &Save| {
-            let bytes = save.to_bytes()?;
-            ours.store(true, Ordering::Relaxed);
-            write_atomically(&checkpoint, |out| out.write_all(&bytes))
-        };
-        // What a fit can still be refused for.
-        let culprit = if self.chain.resume { Some(&checkpoint) } else { self.mask.first() };
+        let checkpoint = self.checkpoint();
+        let resume = self.chain.resume.then(|| Save::read(&checkpoint.path)).transpose()?;
+        let keep = |save: &Save| checkpoint.write(&save.to_bytes()?);
+        let culprit = self.culprit(&checkpoint);
         let task = console.task("fitting", job.steps());
         match watch(stop, task, |control| job.run_kept(resume, control, &keep))
             .map_err(|e| culprit.map_or_else(|| e.clone(), |file| Error::file(file, &e)))?
         {
-            Ending::Stopped(None) => Err(interrupted()),
-            Ending::Stopped(Some(save)) => {
-                keep(&save)?;
-                Err(Error::file(
-                    &checkpoint,
-                    "interrupted, progress saved; the same command with --resume goes on",
-                ))
+            Ending::Stopped(save) => {
+                save.map_or(Ok(()), |save| keep(&save))?;
+                Err(checkpoint.interrupted())
             }
             Ending::Done(fit) => {
                 let results =
                     output::finish(from_ref(job), from_ref(&*fit), &self.names(), self.texture)?;
                 self.write_all(&results, Vec::new(), provenance, console)?;
-                if ours.into_inner() {
-                    remove_if_there(&checkpoint);
-                }
+                checkpoint.remove();
                 Ok(())
             }
         }
+    }
+
+    fn checkpoint(&self) -> Checkpoint {
+        let path = self.output.join("checkpoint.bin");
+        Checkpoint { path, ours: AtomicBool::new(self.chain.resume) }
+    }
+
+    /// What a fit can still be refused for.
+    fn culprit<'a>(&'a self, checkpoint: &'a Checkpoint) -> Option<&'a Path> {
+        if self.chain.resume { Some(&checkpoint.path) } else { Some(self.mask.first()?) }
     }
 
     /// Fits every component of a mixture, and keeps the likeliest.
@@ -468,9 +468,17 @@ impl Fit {
     ) -> Result<()> {
         let request =
             Request { draws, chains: self.chain.chains.unwrap_or(CHAINS), seed: self.seed };
+        let checkpoint = self.checkpoint();
+        let read = || posterior::Save::read(&checkpoint.path);
+        let resume = self.chain.resume.then(read).transpose()?;
+        let keep = |save: &posterior::Save| checkpoint.write(&save.to_bytes()?);
         let task = console.task("sampling", request.steps());
-        let found = watch(stop, task, |control| posterior::sample(jobs, &request, control))?;
-        let (fits, samples) = found.ok_or_else(interrupted)?;
+        let found =
+            watch(stop, task, |control| sample_kept(jobs, &request, resume, control, &keep));
+        let culprit = self.culprit(&checkpoint);
+        let found =
+            found.map_err(|e| culprit.map_or_else(|| e.clone(), |file| Error::file(file, &e)))?;
+        let (fits, samples) = found.ok_or_else(|| checkpoint.interrupted())?;
         let spread = Spread::new(model, &samples)?;
         let mut results = output::finish(jobs, &fits, &self.names(), self.texture)?;
         for (i, result) in results.iter_mut().enumerate() {
@@ -484,7 +492,9 @@ impl Fit {
         }
         let mut files = spread.files(model)?;
         files.push(("posterior.h5".into(), posterior::output::states(&samples)?));
-        self.write_all(&results, files, model.provenance(), console)
+        self.write_all(&results, files, model.provenance(), console)?;
+        checkpoint.remove();
+        Ok(())
     }
 
     fn write_all(
@@ -654,8 +664,34 @@ pub(super) fn watch<T>(
     })
 }
 
-/// A fit that went on from its checkpoint has no more use for it. (One that did not leaves another's
-/// alone.)
-fn remove_if_there(checkpoint: &Path) {
-    let _ = std::fs::remove_file(checkpoint);
+/// What an interrupted fit goes on from.
+struct Checkpoint {
+    path: PathBuf,
+    /// Whether it is this fit's: another's is left alone.
+    ours: AtomicBool,
+}
+
+impl Checkpoint {
+    fn write(&self, bytes: &[u8]) -> Result<()> {
+        self.ours.store(true, Ordering::Relaxed);
+        write_atomically(&self.path, |out| out.write_all(bytes))
+    }
+
+    /// Says so.
+    fn interrupted(&self) -> Error {
+        if !self.ours.load(Ordering::Relaxed) {
+            return interrupted();
+        }
+        Error::file(
+            &self.path,
+            "interrupted, progress saved; the same command with --resume goes on",
+        )
+    }
+
+    /// A fit that is done has no more use for it.
+    fn remove(self) {
+        if self.ours.into_inner() {
+            let _ = std::fs::remove_file(self.path);
+        }
+    }
 }

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use onescan_core::chain::{Checkpoint, Config};
 use onescan_core::hash::fnv64;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -45,14 +46,12 @@ pub struct Save {
 }
 
 impl Save {
-    /// The file's bytes: magic, FNV-1a 64 of the rest, postcard. Binary, because every bit of
-    /// every number must come back.
+    /// The file's bytes. Binary, because every bit of every number must come back.
     ///
     /// # Errors
     /// None in practice; the encoder's are passed on.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        let body = postcard::to_stdvec(self).map_err(Error::new)?;
-        Ok([&MAGIC[..], &fnv64(&body).to_le_bytes(), &body].concat())
+        pack(MAGIC, self)
     }
 
     /// Reads a checkpoint's bytes.
@@ -60,14 +59,7 @@ impl Save {
     /// # Errors
     /// Not a checkpoint, or damaged.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
-        let damaged =
-            || Error::new("not a checkpoint of this version, or damaged; fit without --resume");
-        let (magic, rest) = bytes.split_first_chunk::<8>().ok_or_else(damaged)?;
-        let (sum, body) = rest.split_first_chunk::<8>().ok_or_else(damaged)?;
-        if *magic != MAGIC || u64::from_le_bytes(*sum) != fnv64(body) {
-            return Err(damaged());
-        }
-        postcard::from_bytes(body).map_err(|_| damaged())
+        unpack(MAGIC, bytes)
     }
 
     /// Reads a checkpoint file.
@@ -75,9 +67,32 @@ impl Save {
     /// # Errors
     /// As [`Save::parse`], naming the file.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = files::read(path).map_err(|e| {
-            Error::file(path, format_args!("{e}; --resume continues an interrupted fit only"))
-        })?;
-        Self::parse(&bytes).map_err(|e| Error::file(path, e))
+        read(path, Self::parse)
     }
+}
+
+/// A file's bytes: its kind, FNV-1a 64 of the rest, postcard.
+pub(crate) fn pack(magic: [u8; 8], save: &impl Serialize) -> Result<Vec<u8>> {
+    let body = postcard::to_stdvec(save).map_err(Error::new)?;
+    Ok([&magic[..], &fnv64(&body).to_le_bytes(), &body].concat())
+}
+
+/// What [`pack`] has packed.
+pub(crate) fn unpack<T: DeserializeOwned>(kind: [u8; 8], bytes: &[u8]) -> Result<T> {
+    let damaged =
+        || Error::new("not a checkpoint of this version, or damaged; fit without --resume");
+    let (magic, rest) = bytes.split_first_chunk::<8>().ok_or_else(damaged)?;
+    let (sum, body) = rest.split_first_chunk::<8>().ok_or_else(damaged)?;
+    if *magic != kind || u64::from_le_bytes(*sum) != fnv64(body) {
+        return Err(damaged());
+    }
+    postcard::from_bytes(body).map_err(|_| damaged())
+}
+
+/// A file, parsed; errors name it.
+pub(crate) fn read<T>(path: &Path, parse: impl FnOnce(&[u8]) -> Result<T>) -> Result<T> {
+    let bytes = files::read(path).map_err(|e| {
+        Error::file(path, format_args!("{e}; --resume continues an interrupted fit only"))
+    })?;
+    parse(&bytes).map_err(|e| Error::file(path, e))
 }

@@ -34,7 +34,7 @@ use std::collections::BTreeMap;
 #[cfg(feature = "full")]
 pub(crate) use {
     mode::{OTHERS, most_steps as most_mode_steps},
-    parallel::find_mode_and,
+    parallel::{EVERY, OF_ANOTHER, find_mode_and},
 };
 
 /// Points of a likelihood trace.

@@ -25,7 +25,12 @@ pub struct Control<'a> {
 }
 
 /// How long a fit goes on before it is kept again.
-const EVERY: Duration = Duration::from_secs(3);
+pub(crate) const EVERY: Duration = Duration::from_secs(3);
+
+/// What is wrong with a checkpoint that is not this fit's.
+pub(crate) const OF_ANOTHER: &str = "it was saved by a fit of another model, photo, landmark file or \
+                                     settings; repeat the first command exactly, or fit without \
+                                     --resume";
 
 /// Keeps what continues a fit.
 pub type Keep<'a> = dyn Fn(&Save) -> Result<()> + Sync + 'a;
@@ -40,9 +45,12 @@ pub enum Ending {
 
 impl Job<'_> {
     /// What identifies the job, so that a checkpoint is only used for the job it was made by.
-    fn identity(&self) -> Identity {
+    pub(crate) fn identity(&self) -> Identity {
         let mut hash = Fnv64::default();
         hash.write(self.photo.rgb.as_flattened());
+        if let Some(mask) = self.mask {
+            hash.write(mask.rgb.as_flattened());
+        }
         for value in [self.crop.origin, self.crop.size, self.crop.scaled_to].as_flattened() {
             hash.write(&value.to_le_bytes());
         }
@@ -102,10 +110,7 @@ impl Job<'_> {
             None => vec![None; chains],
             Some(save) => {
                 if save.identity != self.identity() || save.chains.len() != chains {
-                    return Err(Error::new(
-                        "it was saved by a fit of another model, photo, landmark file or \
-                         settings; repeat the first command exactly, or fit without --resume",
-                    ));
+                    return Err(Error::new(OF_ANOTHER));
                 }
                 save.chains
             }

@@ -2,10 +2,11 @@
 
 pub mod diagnostics;
 pub mod output;
+mod save;
 
 use crate::error::{Error, Result};
 use crate::fit::summary::{Marginal, PosteriorFound, hex};
-use crate::fit::{Control, Fit, Job, OTHERS, find_mode_and, most_mode_steps};
+use crate::fit::{Control, EVERY, Fit, Job, OF_ANOTHER, OTHERS, find_mode_and, most_mode_steps};
 use diagnostics::{Diagnosis, quantile};
 use onescan_core::chain::Problem;
 use onescan_core::engine::Engine;
@@ -15,8 +16,11 @@ use onescan_core::scene::{Subject, View};
 use onescan_core::search::{self, ModeSearch, Options, Part, part_words};
 use output::Spread;
 use rayon::prelude::*;
+pub use save::Save;
 use std::f64::consts::{PI, TAU};
+use std::sync::Mutex;
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 /// Steps of rounds of a chain's warm-up, after each of which all chains together learn a better metric.
 const ROUNDS: [u32; 3] = [30, 40, 50];
@@ -82,9 +86,52 @@ pub fn sample(
     request: &Request,
     control: &Control<'_>,
 ) -> Result<Option<(Vec<Fit>, Samples)>> {
+    sample_kept(jobs, request, None, control, &|_| Ok(()))
+}
+
+/// Keeps what continues a sampling.
+pub type Keep<'a> = dyn Fn(&Save) -> Result<()> + Sync + 'a;
+
+/// [`sample`], from where `resume` left it. `keep` is given what continues it every few seconds, and when
+/// it is stopped; should the former fail, the sampling goes on: its result is worth more.
+///
+/// # Errors
+/// Those of [`sample`]; what was kept of other photos, models or settings.
+pub fn sample_kept(
+    jobs: &[Job<'_>],
+    request: &Request,
+    resume: Option<Save>,
+    control: &Control<'_>,
+    keep: &Keep<'_>,
+) -> Result<Option<(Vec<Fit>, Samples)>> {
+    let save = resume.unwrap_or_else(|| Save::new(jobs, request));
+    if !save.is_of(jobs, request) {
+        return Err(Error::new(OF_ANOTHER));
+    }
     find_mode_and(jobs, control, |problem, options| {
-        sample_around(jobs, problem, options, request, control)
+        let shelf = Shelf { last: Instant::now(), pause: EVERY, save, keep };
+        sample_around(jobs, problem, options, request, (shelf, control))
     })
+}
+
+/// What all chains have come to, and when it was kept last.
+struct Shelf<'a> {
+    last: Instant,
+    pause: Duration,
+    save: Save,
+    keep: &'a Keep<'a>,
+}
+
+impl Shelf<'_> {
+    /// Keeps all, unless it did so a while ago: less often, the longer that takes.
+    fn keep_at_times(&mut self) {
+        if self.last.elapsed() >= self.pause {
+            let start = Instant::now();
+            let _ = (self.keep)(&self.save);
+            self.last = Instant::now();
+            self.pause = EVERY.max(20 * start.elapsed());
+        }
+    }
 }
 
 /// The same around the mode of a search, once that has been found.
@@ -93,7 +140,7 @@ fn sample_around(
     problem: Problem<'_>,
     options: Options<'_>,
     request: &Request,
-    control: &Control<'_>,
+    (shelf, control): (Shelf<'_>, &Control<'_>),
 ) -> Result<Option<Samples>> {
     let memories = |words: usize| vec![vec![0; words]; request.chains as usize];
     let mut firsts = memories(search::words(&problem, &options));
@@ -111,40 +158,52 @@ fn sample_around(
     if !warm_up(&mut chains, problem.engine, control) {
         return Ok(None);
     }
-    let chains: Vec<_> = chains
-        .into_par_iter()
-        .map(|mut chain| {
-            let mut kept = Vec::with_capacity(request.draws as usize);
-            for _ in 0..request.draws {
-                if control.stop.load(Ordering::Relaxed) {
-                    return None;
-                }
-                chain.step();
-                control.steps.fetch_add(1, Ordering::Relaxed);
-                let views = chain.views().zip(jobs).map(|(mut view, job)| {
-                    view.camera = job.crop.camera_in_photo(&view.camera);
-                    view
-                });
-                kept.push(Draw {
-                    subject: chain.subject(),
-                    views: views.collect(),
-                    ln_density: chain.ln_density(),
-                });
+    for (chain, save) in chains.iter_mut().zip(&shelf.save.chains) {
+        control.steps.fetch_add(save.len() as u64, Ordering::Relaxed);
+        if !save.go_on(chain) {
+            return Err(Error::new(OF_ANOTHER));
+        }
+    }
+    let shelf = Mutex::new(shelf);
+    chains.par_iter_mut().enumerate().for_each(|(number, chain)| {
+        let done = shelf.lock().map_or(0, |shelf| shelf.save.chains[number].len());
+        for _ in done..request.draws as usize {
+            if control.stop.load(Ordering::Relaxed) {
+                return;
             }
-            Some((kept, chain.tally(), chain.fingerprint()))
-        })
-        .collect();
+            chain.step();
+            control.steps.fetch_add(1, Ordering::Relaxed);
+            let draw = draw(chain, jobs);
+            let Ok(mut shelf) = shelf.lock() else { return };
+            shelf.save.chains[number].keep(draw, chain.standing());
+            shelf.keep_at_times();
+        }
+    });
+    let shelf = shelf.into_inner().map_err(|_| Error::new("a chain ended early"))?;
+    if shelf.save.chains.iter().any(|chain| chain.len() < request.draws as usize) {
+        (shelf.keep)(&shelf.save)?;
+        return Ok(None);
+    }
     let mut hash = Fnv64::default();
     let (mut steps, mut accepted) = (0, 0);
-    let mut all = Vec::new();
-    for chain in chains {
-        let Some((kept, tally, fingerprint)) = chain else { return Ok(None) };
+    for chain in &chains {
+        let tally = chain.tally();
         (steps, accepted) = (steps + tally.0, accepted + tally.1);
-        hash.write(&fingerprint.to_le_bytes());
-        all.push(kept);
+        hash.write(&chain.fingerprint().to_le_bytes());
     }
     let acceptance = f64::from(accepted) / f64::from(steps.max(1));
-    Ok(Some(Samples { chains: all, acceptance, fingerprint: hash.finish() }))
+    let chains = shelf.save.chains.into_iter().map(save::ChainSave::into_draws).collect();
+    Ok(Some(Samples { chains, acceptance, fingerprint: hash.finish() }))
+}
+
+/// A chain's state; cameras see the whole photo.
+fn draw(chain: &Sampler<'_, '_, OTHERS>, jobs: &[Job<'_>]) -> Draw {
+    let views = chain.views().zip(jobs).map(|(mut view, job)| {
+        view.camera = job.crop.camera_in_photo(&view.camera);
+        view
+    });
+    let (views, ln_density) = (views.collect(), chain.ln_density());
+    Draw { subject: chain.subject(), views, ln_density }
 }
 
 /// Has chains learn from each other where to go, and how far at once; `false` if that was stopped.
