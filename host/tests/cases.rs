@@ -97,7 +97,7 @@ fn check(name: &str, options: &Options, right: &Right) {
     }
     let scan = read.unwrap_or_else(|e| panic!("{name}: {e}"));
     let mut mesh = scan.mesh;
-    mesh.points.as_flattened_mut().iter_mut().for_each(|c| *c *= scan.format.millimetres());
+    mesh.points.as_flattened_mut().iter_mut().for_each(|c| *c *= scan.millimetres);
     if let Area(right) = right {
         let found = area(&mesh);
         assert!((found - right).abs() < 1e-3 * right, "{name}: {found} mm²");
@@ -172,7 +172,11 @@ fn what_is_wrong_with_a_scan_is_told_before_a_model_is_built() {
     let scan = |name: &str| mesh_file::read(&case("build-unit").join(name), &Options::default());
     let (metres, off) = (scan("metres.ply").unwrap().mesh, scan("off.ply").unwrap().mesh);
     let faults = |mesh: &Mesh| Findings::of(mesh, 1.0).faults(true).join("\n");
-    assert!(faults(&metres).contains("is not the size of a face"), "{}", faults(&metres));
+    assert!(
+        faults(&metres).contains("kernels suit what is as large as a face"),
+        "{}",
+        faults(&metres)
+    );
     assert!(faults(&off).contains("have a partner across x = 0"), "{}", faults(&off));
     let options = BuildOptions {
         scan_name: "metres.ply",

@@ -42,10 +42,6 @@ pub(super) struct Build {
     /// As many components as hold this fraction of the variance, instead of --rank.
     #[arg(long, conflicts_with = "rank", value_parser = fraction)]
     variance: Option<f64>,
-    /// Landmarks of the scan, JSON; a fit needs them. By vertex number for PLY and OBJ; in glTF and
-    /// STL equal vertices are joined: name them by coordinates, which are the file's.
-    #[arg(long)]
-    landmarks: Option<PathBuf>,
     /// The plane of symmetry: x, y or z, the axis it is perpendicular to in the origin; A,B,C,D, in
     /// the file's coordinates the plane A x + B y + C z = D; `find`, wherever it is; or `none`. A
     /// plane that is given or found is moved to the origin, and the scan with it.
@@ -100,47 +96,58 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl Build {
+    /// The axis at whose plane through the origin the model mirrors; a scan with another plane is moved.
+    fn mirror(&self, console: Console, placed: &mut Placed) -> Result<Option<Axis>> {
+        let Placed { mesh: scan, unit, origin, .. } = placed;
+        let frame = self.scan.frame()?;
+        let symmetry = match self.mirror {
+            Mirror::None => return Ok(None),
+            // What is wrong with it the findings say.
+            Mirror::Axis(Axis::X) => return Ok(Some(Axis::X)),
+            Mirror::Axis(axis) => {
+                let normal = axis.negates().map(|negated| f64::from(u8::from(negated)));
+                symmetry::judge(scan, Plane { normal, offset: 0.0 })
+            }
+            Mirror::Plane(plane) => {
+                let plane = plane.moved(origin.map(|c| -c)).turned(|n| frame.turn(n));
+                symmetry::judge(scan, plane)
+            }
+            Mirror::Find => symmetry::find(scan),
+        };
+        let Symmetry { plane, error } = symmetry.map_err(|e| Error::file(&self.scan.path, e))?;
+        console.say(format_args!(
+            "plane of symmetry: {}, off by {:.3} mm (root mean square)",
+            plane.turned(|n| frame.undo(n)).moved(*origin),
+            error * f64::from(*unit)
+        ));
+        Ok(Some(match self.mirror {
+            Mirror::Axis(axis) => axis,
+            _ => symmetry::align(&mut scan.points, &plane),
+        }))
+    }
+
     pub(super) fn run(self, console: Console) -> Result<()> {
         model_file(&self.output)?;
-        let Placed { mesh: mut scan, unit: millimetres, origin, .. } = self.scan.read(console)?;
-        let landmarks = match &self.landmarks {
-            Some(path) => {
-                // Their coordinates are the file's.
-                let frame = self.scan.frame()?;
-                let points: Vec<_> = scan.points.iter().map(|p| frame.undo(*p)).collect();
-                landmarks::read_moved(path, &points, origin, millimetres)?
-            }
-            None => Vec::new(),
-        };
-        let mirror = match self.mirror {
-            Mirror::Axis(axis) => Some(axis),
-            Mirror::None => None,
-            Mirror::Plane(_) | Mirror::Find => {
-                let frame = self.scan.frame()?;
-                let symmetry = match self.mirror {
-                    Mirror::Plane(plane) => {
-                        let plane = plane.moved(origin.map(|c| -c)).turned(|n| frame.turn(n));
-                        symmetry::judge(&scan, plane)
-                    }
-                    _ => symmetry::find(&scan),
-                };
-                let Symmetry { plane, error } =
-                    symmetry.map_err(|e| Error::file(&self.scan.path, e))?;
-                console.say(format_args!(
-                    "plane of symmetry: {}, off by {:.3} mm (root mean square)",
-                    plane.turned(|n| frame.undo(n)).moved(origin),
-                    error * f64::from(millimetres)
-                ));
-                Some(symmetry::align(&mut scan.points, &plane))
-            }
-        };
+        let (mut placed, landmarks) = self.scan.read(console)?;
+        let mirror = self.mirror(console, &mut placed)?;
+        let Placed { mesh: scan, unit: millimetres, .. } = placed;
         let kernels = match &self.kernel_file {
             Some(path) => Kernels::read(path, self.kernels, mirror)?,
             None => self.kernels.kernels(&Hyper::default(), mirror),
         };
+        if mirror.is_none()
+            && self.kernel_file.is_none()
+            && self.kernels.name.starts_with("symmetric")
+        {
+            console.say(format_args!(
+                "without a plane of symmetry {} is {}",
+                self.kernels.name,
+                self.kernels.name.replace("symmetric", "correlated")
+            ));
+        }
         // Without an axis in x nothing is said of where the scan lies.
         let findings = Findings::of(&scan, millimetres.into());
-        for fault in findings.faults(mirror == Some(Axis::X)) {
+        for fault in findings.faults(mirror == Some(Axis::X) && kernels.mirror()) {
             console.say(Error::file(&self.scan.path, fault));
         }
         let scan_name = file_name(&self.scan.path);
@@ -164,7 +171,7 @@ impl Build {
             console.say(format_args!("wrote {}", self.output.display()));
         } else {
             let mut model = built.into_morphable();
-            if let Some(path) = &self.landmarks {
+            if let Some(path) = &self.scan.landmarks {
                 model.uncertainties = landmarks::read_uncertainties(path)?;
             }
             write_model(console, &self.scan.path, &self.output, &model)?;

@@ -28,7 +28,7 @@ pub(super) struct Inspect {
     /// so that they agree and look outwards, drops vertices of no triangle.
     #[arg(long, value_name = "OUT.ply")]
     mend: Option<PathBuf>,
-    /// Mend by dropping all pieces but the largest, too.
+    /// Mend by dropping all pieces but the largest, too: eyes, say, and what else is loose.
     #[arg(long, requires = "mend")]
     largest: bool,
 }
@@ -38,7 +38,7 @@ impl Inspect {
         if let Some(path) = &self.mend {
             output_file(path, &["ply"])?;
         }
-        let Placed { mut mesh, unit, .. } = self.scan.read(console)?;
+        let (Placed { mut mesh, unit, .. }, _) = self.scan.read(console)?;
         for point in &mut mesh.points {
             *point = point.map(|c| c * unit);
         }

@@ -9,6 +9,7 @@ use onescan::interchange;
 use onescan::mesh::landmarks;
 use onescan::progress::{Console, Task};
 use onescan::registration::{self, Names, Options, Registration};
+use onescan::scan::mesh_file::EXTENSIONS;
 use onescan_core::model::Model;
 use serde_json::json;
 use std::fmt::{Display, Write as _};
@@ -79,9 +80,6 @@ fn within<const LOW: u8, const HIGH: u8>(text: &str) -> std::result::Result<f32,
         _ => Err(format!("expected a number from {low} to {high}")),
     }
 }
-
-/// What `--batch` takes from a directory.
-const EXTENSIONS: [&str; 5] = ["ply", "obj", "glb", "gltf", "stl"];
 
 impl Register {
     pub(super) fn run(self, console: Console) -> Result<()> {

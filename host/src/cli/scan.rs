@@ -4,17 +4,36 @@ use super::file_name;
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::mesh::Mesh;
+use onescan::mesh::landmarks::{self, Landmark};
 use onescan::progress::Console;
-use onescan::scan::mesh_file::{self, Direction, Frame, Options};
+use onescan::scan::crop::crop;
+use onescan::scan::holes;
+use onescan::scan::mesh_file::{self, Direction, Frame, Options, Scale};
+use onescan::scan::subdivide::Subdivision;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// A scan, and how to read it.
 #[derive(Args)]
 pub(super) struct Scan {
-    /// The scan: PLY, OBJ, GLB, glTF, or with --colour STL.
+    /// The scan: PLY, OBJ, GLB, glTF, OFF, or with --colour STL.
     #[arg(value_name = "SCAN")]
     pub(super) path: PathBuf,
+    /// Landmarks of the scan, JSON; a fit needs them, and --crop. By vertex number for PLY, OBJ and OFF; in
+    /// glTF and STL equal vertices are joined: name them by coordinates, which are the file's.
+    #[arg(long)]
+    pub(super) landmarks: Option<PathBuf>,
+    /// Close holes whose rim is no longer than this [default: a fifth of the scan's diagonal], with
+    /// colours from the rim.
+    #[arg(long, value_name = "MM", num_args = 0..=1, require_equals = true, value_parser = length)]
+    #[expect(
+        clippy::option_option,
+        reason = "clap's way to write an option with or without a value"
+    )]
+    fill_holes: Option<Option<f32>>,
+    /// Keep what is within so many millimetres of one of the --landmarks: center.nose.tip,120.
+    #[arg(long, value_name = "LANDMARK,MM", value_parser = ball, requires = "landmarks")]
+    crop: Option<(String, f32)>,
     #[command(flatten)]
     reading: Reading,
 }
@@ -26,10 +45,13 @@ pub(super) struct Reading {
     /// glTF, mm for others].
     #[arg(long, value_parser = unit)]
     unit: Option<f32>,
+    /// Length of the scan's longest side, millimetres, if its unit is not known: 300, say.
+    #[arg(long, value_name = "MM", value_parser = length, conflicts_with = "unit")]
+    size: Option<f32>,
     /// Axis of the file that points up: x, y, z, -x, -y or -z.
     #[arg(long, value_name = "AXIS", default_value = "y", allow_hyphen_values = true)]
     up: Direction,
-    /// Axis of the file the face looks along [default: z; if that is up, -y].
+    /// Axis of the file that points to the front [default: z; if that is up, -y].
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     front: Option<Direction>,
     /// Colour of what the file gives none: R,G,B up to 255, or #rrggbb. One flat material all over
@@ -42,6 +64,14 @@ pub(super) struct Reading {
     /// The texture's v axis points the other way than the format says.
     #[arg(long)]
     flip_v: bool,
+    /// Split every triangle in four, so often, so that vertices hold what a texture shows; landmarks'
+    /// vertices keep their numbers.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8),
+          conflicts_with = "edge")]
+    subdivide: Option<u32>,
+    /// The same, of edges longer than this, millimetres, until none is.
+    #[arg(long, value_name = "MM", value_parser = length)]
+    edge: Option<f32>,
     /// Read textures, materials and buffers that the scan names outside its own directory.
     #[arg(long)]
     allow_outside: bool,
@@ -58,6 +88,17 @@ fn unit(text: &str) -> std::result::Result<f32, String> {
             .filter(|unit: &f32| (1e-9..=1e9).contains(unit))
             .ok_or_else(|| "expected mm, cm, m, or a number of millimetres, like 25.4".into()),
     }
+}
+
+fn length(text: &str) -> std::result::Result<f32, String> {
+    let length = text.parse().ok().filter(|length: &f32| (1e-6..=1e9).contains(length));
+    length.ok_or_else(|| "expected a length in millimetres, like 300".into())
+}
+
+fn ball(text: &str) -> std::result::Result<(String, f32), String> {
+    let (name, radius) =
+        text.rsplit_once(',').ok_or("expected LANDMARK,MM, like center.nose.tip,120")?;
+    Ok((name.trim().to_owned(), length(radius.trim())?))
 }
 
 fn color(text: &str) -> std::result::Result<[f32; 3], String> {
@@ -94,13 +135,38 @@ impl Scan {
         self.reading.frame()
     }
 
-    /// Reads the scan, and says what a person should know of that.
-    pub(super) fn read(&self, console: Console) -> Result<Placed> {
-        let placed = self.reading.read(&self.path)?;
+    /// Reads the scan and its landmarks, closes and crops it as asked, and says what a person should know
+    /// of that.
+    pub(super) fn read(&self, console: Console) -> Result<(Placed, Vec<Landmark>)> {
+        let mut placed = self.reading.read(&self.path)?;
+        let say = |what: &dyn std::fmt::Display| console.say(Error::file(&self.path, what));
         for note in &placed.notes {
-            console.say(Error::file(&self.path, note));
+            say(note);
         }
-        Ok(placed)
+        let Placed { mesh, unit, origin, .. } = &mut placed;
+        let mut landmarks = match &self.landmarks {
+            Some(path) => {
+                // Their coordinates are the file's.
+                let frame = self.frame()?;
+                let points: Vec<_> = mesh.points.iter().map(|p| frame.undo(*p)).collect();
+                landmarks::read_moved(path, &points, *origin, *unit)?
+            }
+            None => Vec::new(),
+        };
+        if let Some(longest) = self.fill_holes {
+            let filled = holes::fill(mesh, longest.map(|mm| f64::from(mm / *unit)));
+            say(&format_args!("{filled} hole{} closed", if filled == 1 { "" } else { "s" }));
+        }
+        if let Some((name, radius)) = &self.crop {
+            let before = mesh.triangles.len();
+            let dropped = crop(mesh, &mut landmarks, name, radius / *unit)
+                .map_err(|e| Error::file(&self.path, e))?;
+            say(&format_args!("{} of {before} triangles are near {name}", mesh.triangles.len()));
+            if !dropped.is_empty() {
+                say(&format_args!("landmarks cropped away: {}", dropped.join(", ")));
+            }
+        }
+        Ok((placed, landmarks))
     }
 }
 
@@ -115,6 +181,7 @@ impl Reading {
             }
         };
         add("unit", self.unit.map(|unit| format!(" {unit}")));
+        add("size", self.size.map(|size| format!(" {size}")));
         // With an equals sign, or a minus would begin another option.
         add("up", (self.up.to_string() != "y").then(|| format!("={}", self.up)));
         add("front", self.front.map(|front| format!("={front}")));
@@ -122,6 +189,8 @@ impl Reading {
         add("colour", bytes.map(|bytes| format!(" {}", bytes.join(","))));
         add("texture", self.texture.as_deref().map(|path| format!(" {}", file_name(path))));
         add("flip-v", self.flip_v.then(String::new));
+        add("subdivide", self.subdivide.map(|times| format!(" {times}")));
+        add("edge", self.edge.map(|edge| format!(" {edge}")));
         add("allow-outside", self.allow_outside.then(String::new));
         text
     }
@@ -139,15 +208,18 @@ impl Reading {
             flip_v: self.flip_v,
             allow_outside: self.allow_outside,
             frame: self.frame()?,
+            scale: match (self.unit, self.size) {
+                (Some(unit), _) => Scale::Unit(unit),
+                (None, Some(size)) => Scale::Size(size),
+                (None, None) => Scale::Format,
+            },
+            subdivision: match (self.subdivide, self.edge) {
+                (Some(times), _) => Some(Subdivision::Times(times)),
+                (None, edge) => edge.map(|edge| Subdivision::Edge(edge.into())),
+            },
         };
-        let mesh_file::Scan { mesh, format, origin, notes } = mesh_file::read(path, &options)?;
-        let unit = self.unit.unwrap_or(format.millimetres());
-        if mesh.points.as_flattened().iter().any(|c| !(c * unit).is_finite()) {
-            return Err(Error::file(
-                path,
-                format_args!("a unit of {unit} mm does not suit this scan; give mm, cm or m"),
-            ));
-        }
+        let mesh_file::Scan { mesh, millimetres: unit, origin, notes } =
+            mesh_file::read(path, &options)?;
         Ok(Placed { mesh, unit, origin, notes })
     }
 }

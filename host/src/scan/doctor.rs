@@ -1,17 +1,17 @@
 //! What is wrong with a mesh, and mending it.
 //!
 //! A scan need not be perfect to make a model: holes are fine. But a model has a colour and a
-//! normal per vertex and compares both sides of a face, so what is split, folded, inside out, off
+//! normal per vertex and compares both sides of an object, so what is split, folded, inside out, off
 //! centre or in another unit is told here, and what can be mended without guessing is.
 
 use crate::mesh::{Mesh, weld};
+use crate::scan::symmetry;
 use crate::vector::{self, dot, length, minus};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
 
-/// Diagonals between which a face or head lies, millimetres: half a face to a bust with its
-/// shoulders.
+/// Diagonals that the kernels' lengths suit, millimetres: half a face to a bust with its shoulders.
 const DIAGONALS: std::ops::RangeInclusive<f64> = 60.0..=1500.0;
 /// Least `|6 V| / A^{3/2}` at which a surface is bent enough to have an inside; a hemisphere has
 /// about 0.2, a tenth of a sphere's cap 0.04.
@@ -64,6 +64,9 @@ pub struct Findings {
     /// Fraction of vertices that have another across x = 0, within an edge's length or 2 % of the
     /// diagonal: faces are not quite symmetric.
     pub mirrored: f64,
+    /// If those are few: how far mirrored vertices are from the surface at the plane at which it mirrors
+    /// best, root mean square, millimetres; none if that is no symmetry.
+    pub mirrored_elsewhere: Option<f64>,
 }
 
 impl Findings {
@@ -92,6 +95,11 @@ impl Findings {
         let area = kept.iter().map(|t| area(&points, *t)).sum::<f64>();
         let length: f64 = edges.keys().map(|&[a, b]| distance(&points, a, b)).sum();
         let edge = length / edges.len().max(1) as f64;
+        let mirrored = mirrored(&points, edge.max(NEAR * diagonal));
+        let mirrored_elsewhere = (mirrored < SYMMETRIC)
+            .then(|| Some(symmetry::find(mesh).ok()?.error * millimetres))
+            .flatten()
+            .filter(|error| *error < 0.5 * NEAR * diagonal);
         let flux = flux(&points, kept.iter().copied(), centre(&points, &kept));
         Self {
             vertices: mesh.points.len(),
@@ -112,7 +120,8 @@ impl Findings {
             components: components(points.len(), &kept).iter().map(Vec::len).collect(),
             inside_out: (flux.abs() > BENT * area.powf(1.5)).then_some(flux < 0.0),
             one_color: mesh.colors.windows(2).all(|pair| pair[0] == pair[1]),
-            mirrored: mirrored(&points, edge.max(NEAR * diagonal)),
+            mirrored,
+            mirrored_elsewhere,
         }
     }
 
@@ -141,14 +150,15 @@ impl Findings {
         note(
             others > 0,
             format!(
-                "{} pieces beside the largest, {others} triangles: --mend --largest drops them",
-                self.components.len().saturating_sub(1)
+                "{} beside the largest, {others} triangles, kept as they may belong to it (eyes, a \
+                 beak); `inspect --mend OUT.ply --largest` drops them",
+                counted(self.components.len().saturating_sub(1), "piece")
             ),
         );
         note(
             !DIAGONALS.contains(&self.diagonal),
             format!(
-                "{} mm across is not the size of a face: {}",
+                "{} mm across: kernels suit what is as large as a face or a head; {}",
                 rounded(self.diagonal),
                 self.unit_hint()
             ),
@@ -156,9 +166,18 @@ impl Findings {
         note(
             mirror && self.mirrored < SYMMETRIC,
             format!(
-                "{:.0} % of the vertices have a partner across x = 0: centre the scan there, turn \
-                 it by --up and --front, or build with --mirror find or none",
-                100.0 * self.mirrored
+                "{:.0} % of the vertices have a partner across x = 0, {}",
+                100.0 * self.mirrored,
+                match self.mirrored_elsewhere {
+                    Some(error) => format!(
+                        "but it mirrors at another plane (off by {} mm): build with --mirror find",
+                        rounded(error)
+                    ),
+                    None =>
+                        "and there is no other plane at which it mirrors: symmetric kernels do \
+                             not suit it; build with --mirror none"
+                            .into(),
+                }
             ),
         );
         note(self.one_color, "all vertices have the same colour: the albedo will be flat".into());
@@ -172,7 +191,9 @@ impl Findings {
             .find(|(_, millimetres)| (100.0..=700.0).contains(&(self.diagonal * millimetres)));
         match likely {
             Some((unit, _)) => format!("if its numbers were read as mm, try --unit {unit}"),
-            None => "give how many millimetres its unit is by --unit".into(),
+            None => {
+                "give its length by --size, or how many millimetres its unit is by --unit".into()
+            }
         }
     }
 }
@@ -311,13 +332,13 @@ pub fn mend(mesh: &Mesh, largest_only: bool) -> (Mesh, Mended) {
     (out, mended)
 }
 
-type Points<'a> = &'a [[f64; 3]];
+pub(super) type Points<'a> = &'a [[f64; 3]];
 
 fn normal(points: Points<'_>, triangle: [u32; 3]) -> [f64; 3] {
     vector::normal(triangle.map(|v| points[v as usize]))
 }
 
-fn area(points: Points<'_>, triangle: [u32; 3]) -> f64 {
+pub(super) fn area(points: Points<'_>, triangle: [u32; 3]) -> f64 {
     0.5 * length(normal(points, triangle))
 }
 
@@ -325,7 +346,7 @@ fn distance(points: Points<'_>, a: u32, b: u32) -> f64 {
     vector::distance(points[a as usize], points[b as usize])
 }
 
-fn bounds(points: Points<'_>) -> ([f64; 3], [f64; 3]) {
+pub(super) fn bounds(points: Points<'_>) -> ([f64; 3], [f64; 3]) {
     points.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(low, high), p| {
         (std::array::from_fn(|i| low[i].min(p[i])), std::array::from_fn(|i| high[i].max(p[i])))
     })
@@ -333,7 +354,10 @@ fn bounds(points: Points<'_>) -> ([f64; 3], [f64; 3]) {
 
 /// Triangles with area, the first of each three corners; and how many were without area and how
 /// many repeated.
-fn distinct(points: Points<'_>, triangles: &[[u32; 3]]) -> (Vec<[u32; 3]>, usize, usize) {
+pub(super) fn distinct(
+    points: Points<'_>,
+    triangles: &[[u32; 3]],
+) -> (Vec<[u32; 3]>, usize, usize) {
     let mut seen = HashSet::new();
     let (mut degenerate, mut duplicate) = (0, 0);
     let kept = triangles.iter().copied().filter(|&t| {
@@ -353,13 +377,13 @@ fn distinct(points: Points<'_>, triangles: &[[u32; 3]]) -> (Vec<[u32; 3]>, usize
 }
 
 /// The sides of each edge: a triangle, and whether it runs from the lower to the higher vertex.
-type Edges = BTreeMap<[u32; 2], Vec<(u32, bool)>>;
+pub(super) type Edges = BTreeMap<[u32; 2], Vec<(u32, bool)>>;
 
 fn sides([a, b, c]: [u32; 3]) -> [([u32; 2], bool); 3] {
     [[a, b], [b, c], [c, a]].map(|[from, to]| ([from.min(to), from.max(to)], from < to))
 }
 
-fn edges(triangles: &[[u32; 3]]) -> Edges {
+pub(super) fn edges(triangles: &[[u32; 3]]) -> Edges {
     let mut edges = Edges::new();
     for (t, triangle) in triangles.iter().enumerate() {
         for (edge, forward) in sides(*triangle) {
@@ -397,16 +421,16 @@ fn thinned(points: Points<'_>, triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
 }
 
 /// Sets of numbers that are joined one by one (union by index, paths halved).
-struct Groups {
+pub(super) struct Groups {
     parents: Vec<u32>,
 }
 
 impl Groups {
-    fn new(count: usize) -> Self {
+    pub(super) fn new(count: usize) -> Self {
         Self { parents: (0..count as u32).collect() }
     }
 
-    fn find(&mut self, mut a: u32) -> u32 {
+    pub(super) fn find(&mut self, mut a: u32) -> u32 {
         while self.parents[a as usize] != a {
             let above = self.parents[self.parents[a as usize] as usize];
             self.parents[a as usize] = above;
@@ -415,7 +439,7 @@ impl Groups {
         a
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    pub(super) fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.parents[a.max(b) as usize] = a.min(b);
     }
@@ -677,6 +701,12 @@ mod tests {
             p[0] += 300.0;
         }
         says(&aside, 1.0, "0 % of the vertices have a partner");
+        says(&aside, 1.0, "build with --mirror find");
+        let mut lopsided = aside.clone();
+        for p in &mut lopsided.points {
+            *p = [p[0], p[1] + 0.4 * p[0] * p[2].signum(), p[2] + (p[0] + 2.0 * p[1]).abs()];
+        }
+        says(&lopsided, 1.0, "build with --mirror none");
         let grey = Mesh { colors: vec![[0.5; 3]; face.points.len()], ..face };
         says(&grey, 1.0, "same colour");
     }

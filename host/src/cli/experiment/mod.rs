@@ -91,8 +91,8 @@ impl Kernels {
         let (scan, name) = match &self.scan {
             Some(path) => {
                 let read = mesh_file::read(path, &mesh_file::Options::default())?;
-                let (mut scan, format) = (read.mesh, read.format);
-                scan.points.as_flattened_mut().iter_mut().for_each(|c| *c *= format.millimetres());
+                let mut scan = read.mesh;
+                scan.points.as_flattened_mut().iter_mut().for_each(|c| *c *= read.millimetres);
                 (scan, file_name(path))
             }
             None => (demo::template()?.0, "the face template".to_string()),

@@ -262,6 +262,12 @@ struct File {
 }
 
 impl Kernels {
+    /// Whether mirror images depend on each other by them.
+    pub fn mirror(&self) -> bool {
+        let terms = [&self.shape, &self.albedo].map(Kernel::terms);
+        terms.iter().flatten().any(|term| term.negates != [false; 3])
+    }
+
     /// Those of a preset, with the paper's hyper-parameters.
     ///
     /// # Errors

@@ -8,12 +8,13 @@ mod document;
 mod pose;
 
 use super::named::Place;
-use super::paint::{self, Paint, Wrap};
-use super::{Options, Rough};
+use super::paint::{self, Lost, Paint, Wrap};
+use super::{Format, Options, Rough};
 use crate::error::{Error, Result};
 use crate::mesh::{far, glb, weld};
 use crate::photo;
 use crate::photo::picture::Picture;
+use crate::scan::subdivide::{Finer, Subdivision, mean, mean_point};
 use ::gltf::mesh::Mode;
 use ::gltf::texture::{Info, WrappingMode};
 use ::gltf::{Accessor, Document, Material, Primitive, Semantic};
@@ -41,23 +42,38 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
     let (document, blob) = document::open(bytes)?;
     let place = Place::new(path, options);
     let buffers = Buffers::load(&document, blob, &place)?;
-    let mut whole = Whole::default();
+    let mut parts = Vec::new();
+    let (mut vertices, mut all) = (0, 0);
     for placed in pose::placed(&document)? {
         for primitive in placed.mesh.primitives() {
             let at = format!("mesh {}, primitive {}", placed.mesh.index(), primitive.index());
-            whole
-                .add(&buffers, &primitive, &placed, options)
+            let part = Part::read(&buffers, &primitive, &placed, options)
                 .map_err(|e| Error::new(format_args!("{at}: {e}")))?;
+            let Some(part) = part else { continue };
+            vertices += part.points.len();
+            all += part.triangles.len();
+            if vertices > MAX_VERTICES || all > MAX_VERTICES {
+                return Err(Error::new(format_args!(
+                    "{at}: more than {MAX_VERTICES} vertices in all; decimate, or export one copy"
+                )));
+            }
+            parts.push(part);
         }
     }
-    let Whole { points, triangles, parts } = whole;
     if parts.is_empty() {
         return Err(Error::new("has no faces; mesh the point cloud first"));
     }
     if options.texture.is_some() && parts.iter().all(|part| part.uvs.is_none()) {
         return Err(Error::new("has no texture coordinates; --texture cannot be laid on it"));
     }
-    let colors = bake(&document, &buffers, &place, &parts, points.len(), options)?;
+    let points = parts.iter().flat_map(|part| part.points.iter().copied());
+    if let Some(how) = options.subdivision(Format::Gltf, points) {
+        for part in &mut parts {
+            part.refine(how)?;
+        }
+    }
+    let (colors, lost) = bake(&document, &buffers, &place, &parts, options)?;
+    let Joined { points, colors, triangles } = joined(&parts, &colors);
     let (points, origin) = far::settled(&points);
     let (map, points) = weld(&points);
     let mut paint = Paint::new(points.len());
@@ -68,16 +84,51 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
         }
     }
     let triangles = triangles.into_iter().map(|t| t.map(|v| map[v as usize]));
-    let triangles = triangles.filter(|[a, b, c]| a != b && b != c && c != a).collect();
+    let triangles: Vec<_> = triangles.filter(|[a, b, c]| a != b && b != c && c != a).collect();
     let colors = paint.colors().collect();
-    Ok(Rough { points, triangles, colors, origin, notes: Vec::new() })
+    let notes = lost.note(triangles.len()).into_iter().collect();
+    Ok(Rough { points, triangles, colors, origin, notes })
 }
 
-/// What colours the vertices of a primitive.
+/// All primitives in one.
+struct Joined {
+    points: Vec<[f64; 3]>,
+    colors: Colors,
+    triangles: Vec<[u32; 3]>,
+}
+
+/// Colours of vertices, where they have one.
+type Colors = Vec<Option<[f32; 3]>>;
+
+/// Puts the primitives together: first the vertices that the file has, then those that were made, so that
+/// the first keep their numbers.
+fn joined(parts: &[Part], colors: &[Colors]) -> Joined {
+    let mut all = Joined { points: Vec::new(), colors: Vec::new(), triangles: Vec::new() };
+    let mut firsts = vec![[0, 0]; parts.len()];
+    for made in [0, 1] {
+        for ((part, colors), firsts) in parts.iter().zip(colors).zip(&mut firsts) {
+            firsts[made] = all.points.len();
+            let range = [0..part.own, part.own..part.points.len()][made].clone();
+            all.points.extend(&part.points[range.clone()]);
+            all.colors.extend(&colors[range]);
+        }
+    }
+    for (part, [first, made]) in parts.iter().zip(firsts) {
+        let number = |v: u32| match (v as usize).checked_sub(part.own) {
+            None => first as u32 + v,
+            Some(v) => (made + v) as u32,
+        };
+        all.triangles.extend(part.triangles.iter().map(|t| t.map(number)));
+    }
+    all
+}
+
+/// A primitive, in the scene's coordinates.
 struct Part {
-    /// Their numbers among all vertices.
-    first: usize,
-    count: usize,
+    points: Vec<[f64; 3]>,
+    /// How many of them the file has; the others were made.
+    own: usize,
+    triangles: Vec<[u32; 3]>,
     /// `COLOR_0` × factor, linear.
     linear: Vec<[f32; 3]>,
     /// Whether `linear` is no more than the factor.
@@ -87,39 +138,24 @@ struct Part {
     image: Option<(usize, [Wrap; 2])>,
 }
 
-/// All primitives so far, in the scene's coordinates.
-#[derive(Default)]
-struct Whole {
-    points: Vec<[f64; 3]>,
-    triangles: Vec<[u32; 3]>,
-    parts: Vec<Part>,
-}
-
-impl Whole {
-    /// Appends the vertices and triangles of a primitive; nothing if it is of points or lines.
-    fn add(
-        &mut self,
+impl Part {
+    /// Reads a primitive; none if it is of points or lines.
+    fn read(
         buffers: &Buffers,
         primitive: &Primitive<'_>,
         placed: &Placed<'_>,
         options: &Options,
-    ) -> Result<()> {
+    ) -> Result<Option<Self>> {
         if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip)
         {
-            return Ok(());
+            return Ok(None);
         }
-        let Some(positions) = pose::morphed(buffers, primitive, placed)? else { return Ok(()) };
-        let first = self.points.len();
+        let Some(positions) = pose::morphed(buffers, primitive, placed)? else { return Ok(None) };
         let count = positions.len();
         let corners = match primitive.indices() {
             Some(accessor) => buffers.indices(&accessor)?,
             None => (0..count as u32).collect(),
         };
-        if first + count > MAX_VERTICES || self.triangles.len() + corners.len() > 3 * MAX_VERTICES {
-            return Err(Error::new(format_args!(
-                "more than {MAX_VERTICES} vertices in all; decimate, or export one copy"
-            )));
-        }
         if let Some(corner) = corners.iter().find(|&&corner| corner as usize >= count) {
             return Err(Error::new(format_args!(
                 "index {corner} is out of range, there are {count} vertices; the file is damaged, \
@@ -128,24 +164,34 @@ impl Whole {
         }
         let pose = Pose::of(buffers, primitive, placed, count)?;
         let mirrored = pose.mirrors();
-        self.points.extend(positions.into_iter().enumerate().map(|(i, p)| pose.place(i, p)));
-        self.triangles.extend(cut(&corners, primitive.mode()).into_iter().map(|[a, b, c]| {
-            let corners = if mirrored { [a, c, b] } else { [a, b, c] };
-            corners.map(|corner| corner + first as u32)
-        }));
-        self.parts.push(part(buffers, primitive, first..first + count, options)?);
+        let points = positions.into_iter().enumerate().map(|(i, p)| pose.place(i, p)).collect();
+        let turned = |[a, b, c]: [u32; 3]| if mirrored { [a, c, b] } else { [a, b, c] };
+        let triangles = cut(&corners, primitive.mode()).into_iter().map(turned).collect();
+        painted(buffers, primitive, points, triangles, options).map(Some)
+    }
+
+    /// Splits its triangles.
+    fn refine(&mut self, how: Subdivision) -> Result<()> {
+        let finer = Finer::of(&self.points, &self.triangles, how)?;
+        finer.extend(&mut self.points, mean_point);
+        finer.extend(&mut self.linear, mean);
+        if let Some(uvs) = &mut self.uvs {
+            finer.extend(uvs, mean);
+        }
+        self.triangles = finer.triangles();
         Ok(())
     }
 }
 
-/// What colours the vertices of a primitive, which have these numbers.
-fn part(
+/// A primitive with what colours its vertices.
+fn painted(
     buffers: &Buffers,
     primitive: &Primitive<'_>,
-    vertices: std::ops::Range<usize>,
+    points: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
     options: &Options,
 ) -> Result<Part> {
-    let count = vertices.len();
+    let count = points.len();
     let material = primitive.material();
     let (factor, info) = base_color(&material);
     let own = match primitive.get(&Semantic::Colors(0)) {
@@ -180,7 +226,7 @@ fn part(
         }
         None => None,
     };
-    Ok(Part { first: vertices.start, count, linear, factor_only, uvs, image })
+    Ok(Part { own: count, points, triangles, linear, factor_only, uvs, image })
 }
 
 /// Texture coordinates, v down, as the texture's transform moves them.
@@ -251,23 +297,29 @@ fn cut(corners: &[u32], mode: Mode) -> Vec<[u32; 3]> {
     all.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect()
 }
 
-/// The colours of all vertices, as stored.
+/// The colours of all primitives' vertices, as stored, and what textures show between them.
 fn bake(
     document: &Document,
     buffers: &Buffers,
     place: &Place<'_>,
     parts: &[Part],
-    vertices: usize,
     options: &Options,
-) -> Result<Vec<Option<[f32; 3]>>> {
-    let mut colors = vec![None; vertices];
+) -> Result<(Vec<Colors>, Lost)> {
+    let mut all: Vec<_> = parts.iter().map(|part| vec![None; part.points.len()]).collect();
+    let mut lost = Lost::default();
+    let mut lay = |part: &Part, colors: &mut Colors, picture: &Picture, wrap, own: bool| {
+        let Some(uvs) = &part.uvs else { return };
+        for triangle in &part.triangles {
+            let seen = lost.read(picture, triangle.map(|v| uvs[v as usize]), wrap);
+            for (v, seen) in triangle.map(|v| v as usize).into_iter().zip(seen) {
+                colors[v] = Some(if own { seen } else { lit(seen, part.linear[v]) });
+            }
+        }
+    };
     if let Some(file) = &options.texture {
         let picture = paint::texture(file)?;
-        for part in parts {
-            let uvs = part.uvs.iter().flatten();
-            for (color, uv) in colors[part.first..].iter_mut().zip(uvs) {
-                *color = Some(paint::sample(&picture, *uv, [Wrap::Repeat; 2]));
-            }
+        for (part, colors) in parts.iter().zip(&mut all) {
+            lay(part, colors, &picture, [Wrap::Repeat; 2], true);
         }
     } else {
         // One image at a time: decoded, they are large.
@@ -276,15 +328,11 @@ fn bake(
         for index in wanted.collect::<BTreeSet<_>>() {
             let picture = image(document, buffers, place, index)
                 .map_err(|e| Error::new(format_args!("image {index}: {e}")))?;
-            for part in parts {
-                let (Some(uvs), Some((image, wrap))) = (&part.uvs, part.image) else { continue };
-                if image != index {
-                    continue;
-                }
-                for ((color, uv), linear) in
-                    colors[part.first..].iter_mut().zip(uvs).zip(&part.linear)
+            for (part, colors) in parts.iter().zip(&mut all) {
+                if let Some((image, wrap)) = part.image
+                    && image == index
                 {
-                    *color = Some(lit(paint::sample(&picture, *uv, wrap), *linear));
+                    lay(part, colors, &picture, wrap, false);
                 }
             }
         }
@@ -292,16 +340,16 @@ fn bake(
     let first = |part: &Part| part.linear.first().copied();
     // One flat colour all over is what programs write for none.
     let plain = parts.iter().all(|part| part.factor_only && first(part) == first(&parts[0]));
-    for part in parts {
+    for (part, colors) in parts.iter().zip(&mut all) {
         let white = first(part) == Some([1.0; 3]);
         if part.factor_only && (white || plain && options.color.is_some()) {
             continue;
         }
-        for (color, linear) in colors[part.first..][..part.count].iter_mut().zip(&part.linear) {
+        for (color, linear) in colors.iter_mut().zip(&part.linear) {
             *color = color.or(Some(linear.map(glb::stored)));
         }
     }
-    Ok(colors)
+    Ok((all, lost))
 }
 
 /// A stored colour times a linear one.

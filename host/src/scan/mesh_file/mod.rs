@@ -1,4 +1,4 @@
-//! Meshes from whatever program scanned them: PLY, OBJ, glTF, STL.
+//! Meshes from whatever program scanned or made them: PLY, OBJ, glTF, STL, OFF.
 //!
 //! A reader gives points, triangles, and colours as far as its format has them; textures are
 //! baked to vertex colours on the way. [`read`] sees to what all have in common.
@@ -7,6 +7,7 @@ mod frame;
 mod gltf;
 mod named;
 mod obj;
+mod off;
 mod paint;
 mod stl;
 
@@ -15,8 +16,9 @@ pub use frame::{Direction, Frame};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::mesh::{Mesh, far, in_range, ply};
+use crate::scan::subdivide::{Finer, Piece, Subdivision, mean, mean_point};
 use named::Place;
-use paint::{Paint, Wrap};
+use paint::{Lost, Paint, Wrap};
 use std::path::{Path, PathBuf};
 
 /// What a file does not say of itself.
@@ -33,6 +35,22 @@ pub struct Options {
     pub allow_outside: bool,
     /// Which way the scan stands.
     pub frame: Frame,
+    /// How long its unit is.
+    pub scale: Scale,
+    /// Splits triangles before textures are read off at their corners; lengths are millimetres.
+    pub subdivision: Option<Subdivision>,
+}
+
+/// How long a scan's unit is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Scale {
+    /// As the format has it.
+    #[default]
+    Format,
+    /// So many millimetres.
+    Unit(f32),
+    /// So that the longest side of the box around the mesh becomes so many millimetres.
+    Size(f32),
 }
 
 impl Options {
@@ -40,7 +58,54 @@ impl Options {
     fn v_down(&self, [u, v]: [f32; 2], down: bool) -> [f32; 2] {
         [u, if down == self.flip_v { 1.0 - v } else { v }]
     }
+
+    /// Millimetres in the unit of a mesh's points.
+    fn millimetres(&self, format: Format, points: impl Iterator<Item = [f64; 3]>) -> f32 {
+        match self.scale {
+            Scale::Format => format.millimetres(),
+            Scale::Unit(millimetres) => millimetres,
+            Scale::Size(size) => {
+                let (low, high) = points.fold(([f64::MAX; 3], [f64::MIN; 3]), |(low, high), p| {
+                    let [low, high]: [[f64; 3]; 2] = [
+                        std::array::from_fn(|i| p[i].min(low[i])),
+                        std::array::from_fn(|i| p[i].max(high[i])),
+                    ];
+                    (low, high)
+                });
+                let longest = (0..3).map(|i| high[i] - low[i]).fold(0.0, f64::max);
+                (f64::from(size) / longest) as f32
+            }
+        }
+    }
+
+    /// How triangles are split, in the unit of the mesh's points.
+    fn subdivision(
+        &self,
+        format: Format,
+        points: impl Iterator<Item = [f64; 3]>,
+    ) -> Option<Subdivision> {
+        match self.subdivision? {
+            Subdivision::Edge(most) => {
+                Some(Subdivision::Edge(most / f64::from(self.millimetres(format, points))))
+            }
+            times @ Subdivision::Times(_) => Some(times),
+        }
+    }
+
+    /// A mesh's triangles split as asked; none if that was not.
+    fn finer(
+        &self,
+        format: Format,
+        points: &[[f64; 3]],
+        triangles: &[[u32; 3]],
+    ) -> Result<Option<Finer>> {
+        let how = self.subdivision(format, points.iter().copied());
+        how.map(|how| Finer::of(points, triangles, how)).transpose()
+    }
 }
+
+/// Extensions of the files that are read.
+pub const EXTENSIONS: [&str; 6] = ["ply", "obj", "glb", "gltf", "stl", "off"];
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,6 +118,8 @@ pub enum Format {
     Gltf,
     /// Stereolithography.
     Stl,
+    /// Object file format.
+    Off,
 }
 
 impl Format {
@@ -65,9 +132,11 @@ impl Format {
             Some("obj") => Some(Self::Obj),
             Some("glb" | "gltf") => Some(Self::Gltf),
             Some("stl") => Some(Self::Stl),
+            Some("off") => Some(Self::Off),
             _ if bytes.starts_with(b"ply") => Some(Self::Ply),
             _ if bytes.starts_with(b"glTF") => Some(Self::Gltf),
             _ if stl::is_text(bytes) => Some(Self::Stl),
+            _ if off::is_off(bytes) => Some(Self::Off),
             _ => None,
         }
     }
@@ -84,8 +153,8 @@ impl Format {
 pub struct Scan {
     /// Positions in the file's unit and the options' frame, a colour for every vertex.
     pub mesh: Mesh,
-    /// The file's format.
-    pub format: Format,
+    /// Millimetres in the unit of its positions.
+    pub millimetres: f32,
     /// What was subtracted from the file's coordinates, in its own frame: not zero if they lay so far
     /// from the origin that f32 would not hold them.
     pub origin: [f64; 3],
@@ -105,9 +174,30 @@ pub fn read(path: &Path, options: &Options) -> Result<Scan> {
     let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
     let named = |e| Error::file(path, e);
     let format = Format::of(path, &bytes).ok_or_else(|| {
-        named(Error::new("not a mesh this program reads; export the scan as PLY, OBJ, GLB or glTF"))
+        let what = foreign(path, &bytes).unwrap_or("not a mesh this program reads");
+        named(Error::new(format_args!("{what}; export it as PLY, OBJ, GLB or glTF")))
     })?;
     parse(path, &bytes, format, options).map_err(named)
+}
+
+/// What files of other formats are called.
+fn foreign(path: &Path, bytes: &[u8]) -> Option<&'static str> {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    Some(match extension.to_str() {
+        Some("fbx") => "FBX, which is not read",
+        Some("blend") => "a file of Blender's, which is not read",
+        Some("usd" | "usda" | "usdc" | "usdz") => "USD, which is not read",
+        Some("dae") => "COLLADA, which is not read",
+        Some("3ds" | "max" | "ma" | "mb" | "c4d" | "ztl") => {
+            "a file of a modelling program's own, which is not read"
+        }
+        Some("drc") => "a mesh compressed by Draco, which is not read",
+        Some("wrl" | "x3d" | "vrml") => "VRML or X3D, which is not read",
+        Some("3mf" | "amf") => "a file for printers, which is not read",
+        _ if bytes.starts_with(b"Kaydara FBX") => "FBX, which is not read",
+        _ if bytes.starts_with(b"DRACO") => "a mesh compressed by Draco, which is not read",
+        _ => return None,
+    })
 }
 
 /// Bytes without the mark that some editors begin a text with.
@@ -131,13 +221,14 @@ pub fn parse(path: &Path, bytes: &[u8], format: Format, options: &Options) -> Re
         Format::Ply => from_ply(path, bytes, options)?,
         Format::Obj => obj::read(path, bytes, options)?,
         Format::Gltf => gltf::read(path, bytes, options)?,
+        Format::Off => off::parse(bytes)?.finer(format, options)?,
         Format::Stl if options.color.is_none() => {
             return Err(Error::new(
                 "an STL file has no colours, and a model needs them; export as PLY, OBJ or GLB, \
                  or give the whole scan one by --colour R,G,B",
             ));
         }
-        Format::Stl => stl::parse(bytes)?,
+        Format::Stl => stl::parse(bytes)?.finer(format, options)?,
     };
     rough.finish(format, options)
 }
@@ -145,13 +236,16 @@ pub fn parse(path: &Path, bytes: &[u8], format: Format, options: &Options) -> Re
 /// A PLY with its textures, if it names or is given any. A vertex is coloured by them, or else by
 /// itself, or else by its faces.
 fn from_ply(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough> {
-    let parts = ply::parse_parts(bytes)?;
+    let mut parts = ply::parse_parts(bytes)?;
+    if let Some(finer) = options.finer(Format::Ply, &parts.points, &parts.triangles)? {
+        refine(&mut parts, &finer);
+    }
     let ply::Parts { points, colors, triangles, face_colors, uvs, pages, textures } = parts;
     if options.texture.is_some() && uvs.is_none() {
         return Err(Error::new("has no texture coordinates; --texture cannot be laid on it"));
     }
     let mut notes = Vec::new();
-    let mut paint = Paint::new(points.len());
+    let (mut paint, mut lost) = (Paint::new(points.len()), Lost::default());
     if let Some(uvs) = uvs {
         let named = textures.len();
         if options.texture.is_none() && named > 1 && pages.is_none() {
@@ -182,13 +276,13 @@ fn from_ply(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough> {
                 if on.is_some_and(|pages| elsewhere(pages[i])) {
                     continue;
                 }
-                for (&vertex, &uv) in triangle.iter().zip(uvs) {
-                    let uv = options.v_down(uv, false);
-                    paint.add(vertex, paint::sample(&picture, uv, [Wrap::Repeat; 2]));
-                }
+                let uvs = uvs.map(|uv| options.v_down(uv, false));
+                let colors = lost.read(&picture, uvs, [Wrap::Repeat; 2]);
+                triangle.iter().zip(colors).for_each(|(vertex, color)| paint.add(*vertex, color));
             }
         }
     }
+    notes.extend(lost.note(triangles.len()));
     let mut faces = Paint::new(points.len());
     for (triangle, color) in triangles.iter().zip(face_colors.iter().flatten()) {
         for vertex in triangle {
@@ -208,6 +302,21 @@ fn from_ply(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough> {
     Ok(Rough { points, triangles, colors: merged, origin, notes })
 }
 
+/// Splits the triangles of a PLY.
+fn refine(parts: &mut ply::Parts, finer: &Finer) {
+    finer.extend(&mut parts.points, mean_point);
+    if let Some(colors) = &mut parts.colors {
+        finer.extend(colors, mean);
+    }
+    let of = |piece: &Piece| piece.of as usize;
+    let pieces = || finer.pieces.iter();
+    parts.uvs = parts.uvs.take().map(|uvs| pieces().map(|p| p.mix(uvs[of(p)])).collect());
+    parts.pages = parts.pages.take().map(|pages| pieces().map(|p| pages[of(p)]).collect());
+    let colors = parts.face_colors.take();
+    parts.face_colors = colors.map(|colors| pieces().map(|p| colors[of(p)]).collect());
+    parts.triangles = finer.triangles();
+}
+
 /// A mesh as a format's reader leaves it. Guarantees: as many colours as points, every index of a
 /// triangle below their number, which fits into u32.
 struct Rough {
@@ -220,6 +329,17 @@ struct Rough {
 }
 
 impl Rough {
+    /// With its triangles split as asked, of a format without textures.
+    fn finer(mut self, format: Format, options: &Options) -> Result<Self> {
+        let points: Vec<_> = self.points.iter().map(|p| p.map(f64::from)).collect();
+        if let Some(finer) = options.finer(format, &points, &self.triangles)? {
+            finer.extend(&mut self.points, mean);
+            finer.extend(&mut self.colors, |a, b| a.zip(b).map(|(a, b)| mean(a, b)));
+            self.triangles = finer.triangles();
+        }
+        Ok(self)
+    }
+
     fn finish(self, format: Format, options: &Options) -> Result<Scan> {
         let Self { mut points, triangles, mut colors, origin, mut notes } = self;
         if points.is_empty() {
@@ -284,7 +404,14 @@ impl Rough {
                  origin; those of landmarks and planes are the file's as before"
             ));
         }
-        Ok(Scan { mesh: Mesh { points, colors, triangles }, format, origin, notes })
+        let exact = points.iter().map(|p| p.map(f64::from));
+        let millimetres = options.millimetres(format, exact);
+        if points.as_flattened().iter().any(|c| !(c * millimetres).is_finite()) {
+            return Err(Error::new(format_args!(
+                "a unit of {millimetres} mm does not suit this scan; give mm, cm or m"
+            )));
+        }
+        Ok(Scan { mesh: Mesh { points, colors, triangles }, millimetres, origin, notes })
     }
 }
 

@@ -6,12 +6,13 @@
 mod library;
 
 use super::named::Place;
-use super::paint::{self, Paint, Wrap};
-use super::{Options, Rough, lines, unmarked};
+use super::paint::{self, Lost, Paint, Wrap};
+use super::{Format, Options, Rough, lines, unmarked};
 use crate::error::{Error, Result};
 use crate::mesh::far;
 use crate::mesh::polygon::Cutter;
 use crate::photo::picture::Picture;
+use crate::scan::subdivide::{Finer, mean, mean_point};
 use library::{Library, Material};
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
@@ -46,7 +47,11 @@ struct Triangle {
 /// Malformed lines, libraries and textures that are wanted and cannot be read.
 pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough> {
     let mut obj = parse(&String::from_utf8_lossy(unmarked(bytes)))?;
-    let mut notes = Vec::new();
+    let corners: Vec<_> = obj.triangles.iter().map(|t| t.corners).collect();
+    if let Some(finer) = options.finer(Format::Obj, &obj.points, &corners)? {
+        obj.refine(&finer);
+    }
+    let (mut notes, mut lost) = (Vec::new(), Lost::default());
     let mut painted = Paint::new(obj.points.len());
     let mut flat = Paint::new(obj.points.len());
     let own = obj.colors.iter().all(Option::is_some);
@@ -54,7 +59,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
         if obj.triangles.iter().all(|t| t.uvs.is_none()) {
             return Err(Error::new("has no texture coordinates; --texture cannot be laid on it"));
         }
-        bake(&mut painted, &obj, |_| true, &paint::texture(file)?, options);
+        bake(&mut painted, &mut lost, &obj, |_| true, &paint::texture(file)?, options);
     } else {
         let place = Place::new(path, options);
         let library = match Library::read(&place, &obj.libraries) {
@@ -75,7 +80,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
             let Some(file) = place.texture(below, name, other, &mut notes)? else { continue };
             let wanted =
                 |t: &Triangle| material(t).is_some_and(|m| m.texture.as_ref() == Some(texture));
-            bake(&mut painted, &obj, wanted, &paint::texture(&file)?, options);
+            bake(&mut painted, &mut lost, &obj, wanted, &paint::texture(&file)?, options);
         }
         let colors = obj.triangles.iter().filter_map(material).filter_map(|m| m.color);
         let mut colors = colors.filter(|_| options.color.is_some());
@@ -90,6 +95,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
             }
         }
     }
+    notes.extend(lost.note(obj.triangles.len()));
     let colors = painted.colors().zip(&obj.colors).zip(flat.colors());
     let colors = colors.map(|((painted, own), flat)| painted.or(*own).or(flat)).collect();
     let triangles = obj.triangles.iter().map(|t| t.corners).collect();
@@ -100,6 +106,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
 /// Lays a texture on the triangles that want it.
 fn bake(
     paint: &mut Paint,
+    lost: &mut Lost,
     obj: &Obj,
     wanted: impl Fn(&Triangle) -> bool,
     picture: &Picture,
@@ -107,10 +114,9 @@ fn bake(
 ) {
     for triangle in obj.triangles.iter().filter(|t| wanted(t)) {
         let Some(uvs) = triangle.uvs else { continue };
-        for (&vertex, uv) in triangle.corners.iter().zip(uvs) {
-            let uv = options.v_down(obj.uvs[uv as usize], false);
-            paint.add(vertex, paint::sample(picture, uv, [Wrap::Repeat; 2]));
-        }
+        let uvs = uvs.map(|uv| options.v_down(obj.uvs[uv as usize], false));
+        let colors = lost.read(picture, uvs, [Wrap::Repeat; 2]);
+        triangle.corners.iter().zip(colors).for_each(|(vertex, color)| paint.add(*vertex, color));
     }
 }
 
@@ -258,6 +264,22 @@ impl Parser {
 }
 
 impl Obj {
+    /// Splits its triangles.
+    fn refine(&mut self, finer: &Finer) {
+        finer.extend(&mut self.points, mean_point);
+        finer.extend(&mut self.colors, |a, b| a.zip(b).map(|(a, b)| mean(a, b)));
+        let triangles = finer.pieces.iter().map(|piece| {
+            let old = &self.triangles[piece.of as usize];
+            let uvs = old.uvs.map(|uvs| {
+                let first = self.uvs.len() as u32;
+                self.uvs.extend(piece.mix(uvs.map(|uv| self.uvs[uv as usize])));
+                [first, first + 1, first + 2]
+            });
+            Triangle { corners: piece.corners, uvs, material: old.material }
+        });
+        self.triangles = triangles.collect();
+    }
+
     /// The materials that are named, as the library has them. If none is, the one material of the
     /// library is meant.
     ///

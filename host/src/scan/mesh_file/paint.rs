@@ -35,6 +35,77 @@ impl Paint {
     }
 }
 
+/// What textures show between the corners of triangles that these do not have.
+#[derive(Default)]
+pub(super) struct Lost {
+    /// Pixels of the triangles' parts of the textures, all together.
+    texels: f64,
+    /// Squares of what is missing, times those pixels.
+    squares: f64,
+    triangles: f64,
+}
+
+/// How far colours between vertices may be from those of the texture, of 1, before that is told.
+const FAR: f64 = 0.05;
+/// A texture with fewer pixels to a triangle has little that vertices have not.
+const FEW: f64 = 4.0;
+/// Triangles that are still worked with easily.
+const MANY: f64 = 400_000.0;
+
+impl Lost {
+    /// The colours of a triangle's corners.
+    pub(super) fn read(
+        &mut self,
+        picture: &Picture,
+        uvs: [[f32; 2]; 3],
+        wrap: [Wrap; 2],
+    ) -> [[f32; 3]; 3] {
+        /// Places between the corners: the middle, and halfway to it from each.
+        const PLACES: [[f32; 3]; 4] =
+            [[1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.5, 0.0, 0.5]];
+        let corners = uvs.map(|uv| sample(picture, uv, wrap));
+        let mix = |values: [f32; 3], weights: [f32; 3]| -> f32 {
+            values.iter().zip(weights).map(|(x, w)| w * x).sum()
+        };
+        let apart = PLACES.map(|w| {
+            let uv = [0, 1].map(|i| mix(uvs.map(|uv| uv[i]), w));
+            let there = sample(picture, uv, wrap);
+            (0..3).map(|i| f64::from(there[i] - mix(corners.map(|c| c[i]), w)).powi(2)).sum::<f64>()
+        });
+        let [[a, b], [c, d]] = [1, 2].map(|k| {
+            [0, 1].map(|i| {
+                f64::from(uvs[k][i] - uvs[0][i]) * f64::from([picture.width, picture.height][i])
+            })
+        });
+        let texels = 0.5 * (a * d - b * c).abs();
+        if texels.is_finite() {
+            self.texels += texels;
+            // Of three channels at four places.
+            self.squares += texels * apart.iter().sum::<f64>() / 12.0;
+            self.triangles += 1.0;
+        }
+        corners
+    }
+
+    /// What to say of it, of a mesh with so many triangles; nothing if little is missing.
+    pub(super) fn note(&self, triangles: usize) -> Option<String> {
+        let each = self.texels / self.triangles;
+        let error = (self.squares / self.texels).sqrt();
+        // Not a number without textures.
+        if !(each > FEW && error > FAR) {
+            return None;
+        }
+        let wanted = (each / 2.0).log(4.0).ceil();
+        let easy = (MANY / triangles as f64).log(4.0).floor();
+        let times = wanted.min(easy).max(1.0);
+        Some(format!(
+            "its texture holds more than its vertices can: {each:.0} pixels to a triangle, and colours \
+             between vertices are off by {:.0} % (root mean square); --subdivide {times} keeps more of it",
+            100.0 * error
+        ))
+    }
+}
+
 /// What lies beyond the border of a texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wrap {

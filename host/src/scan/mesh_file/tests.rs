@@ -1,6 +1,7 @@
 use super::*;
 use crate::demo;
-use crate::mesh::glb;
+use crate::mesh::skin::{Colors, Skin, Texture};
+use crate::mesh::{glb, obj};
 use crate::photo::picture::Picture;
 use crate::scan::doctor::Findings;
 use base64::Engine;
@@ -108,10 +109,9 @@ fn what_is_written_as_glb_or_ply_is_read() {
     let place = tempdir().unwrap();
     let path = place.path().join("face.GLB");
     fs::write(&path, glb::encode(&mesh, "face").unwrap()).unwrap();
-    let Scan { mesh: read, format, .. } = read(&path, &Options::default()).unwrap();
-    assert_eq!(format, Format::Gltf);
+    let Scan { mesh: read, millimetres, .. } = read(&path, &Options::default()).unwrap();
+    assert_eq!(millimetres, 1000.0);
     assert_eq!(read.triangles, mesh.triangles);
-    let millimetres = format.millimetres();
     for (a, b) in read.points.as_flattened().iter().zip(mesh.points.as_flattened()) {
         assert!((a * millimetres - b).abs() < 1e-4, "{a} {b}");
     }
@@ -509,16 +509,6 @@ fn coordinates_of_maps_keep_their_digits() {
     }
 }
 
-#[test]
-fn other_files_are_refused() {
-    let place = tempdir().unwrap();
-    let path = place.path().join("head.fbx");
-    fs::write(&path, "Kaydara FBX").unwrap();
-    let message = read(&path, &Options::default()).unwrap_err().to_string();
-    assert!(message.contains("head.fbx: not a mesh this program reads"), "{message}");
-    assert!(read(&place.path().join("none.obj"), &Options::default()).is_err());
-}
-
 /// A whole file of each format.
 fn files() -> Vec<(&'static str, Vec<u8>)> {
     let mesh = Mesh {
@@ -566,4 +556,95 @@ proptest! {
             crate::scan::doctor::mend(&mesh, true);
         }
     }
+}
+
+/// A square of two triangles, with stripes that its four corners do not have.
+fn striped() -> (Mesh, Skin) {
+    let mesh = Mesh {
+        points: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]],
+        colors: vec![GREY; 4],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    };
+    let stripes = Picture::from_fn(64, 64, |x, _| [if x / 8 % 2 == 0 { 40 } else { 220 }; 3]);
+    let uvs = vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
+    let colors = Colors::Texture(Texture::new(uvs, stripes).unwrap());
+    (mesh, Skin { colors, lit: true })
+}
+
+#[test]
+fn a_split_mesh_takes_its_new_colours_from_the_texture() {
+    let place = tempdir().unwrap();
+    let (mesh, skin) = striped();
+    let write = |name: &str, bytes: &[u8]| fs::write(place.path().join(name), bytes).unwrap();
+    for (name, bytes) in obj::files(&mesh, &skin, "fish") {
+        write(&name, &bytes);
+    }
+    write("fish.glb", &glb::encode_with(&mesh, &skin, "fish").unwrap());
+    let ply = "ply\nformat ascii 1.0\ncomment TextureFile fish.png\nelement vertex 4\n\
+               property float x\nproperty float y\nproperty float z\n\
+               property float s\nproperty float t\nelement face 1\n\
+               property list uchar int vertex_indices\nend_header\n\
+               0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n4 0 1 2 3\n";
+    write("fish.ply", ply.as_bytes());
+    for name in ["fish.obj", "fish.glb", "fish.ply"] {
+        let path = place.path().join(name);
+        let coarse = read(&path, &Options::default()).unwrap();
+        assert_eq!(coarse.mesh.points.len(), 4, "{name}");
+        let [note] = &coarse.notes[..] else { panic!("{name}: {:?}", coarse.notes) };
+        assert!(note.contains("2048 pixels to a triangle"), "{name}: {note}");
+        assert!(note.contains("--subdivide 5"), "{name}: {note}");
+        let width = coarse.mesh.points[1][0];
+        let scale = Scale::Size(1000.0);
+        for how in [Subdivision::Times(5), Subdivision::Edge(45.0)] {
+            let options = Options { subdivision: Some(how), scale, ..Options::default() };
+            let fine = read(&path, &options).unwrap();
+            assert_eq!(fine.notes, Vec::<String>::new(), "{name}: {how:?}");
+            assert_eq!(fine.mesh.points[..4], coarse.mesh.points, "landmarks remain");
+            for (point, color) in fine.mesh.points.iter().zip(&fine.mesh.colors) {
+                let stripe = 8.0 * point[0] / width;
+                if (0.2..0.8).contains(&stripe.fract()) {
+                    let expected =
+                        if (stripe as u32).is_multiple_of(2) { 40.0 } else { 220.0 } / 255.0;
+                    assert!(
+                        (color[0] - expected).abs() < 0.01,
+                        "{name}: {how:?} {point:?} {color:?}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_size_stands_for_the_unit() {
+    let scale = Scale::Size(300.0);
+    let text = "v 0 0 0 1 0 0\nv 2 0 0 1 0 0\nv 0 0.5 0 1 0 0\nf 1 2 3\n";
+    let read = |options: &Options| parse(Path::new("a.obj"), text.as_bytes(), Format::Obj, options);
+    assert_eq!(read(&Options { scale, ..Options::default() }).unwrap().millimetres, 150.0);
+    let edge = Some(Subdivision::Edge(100.0));
+    let split = read(&Options { scale, subdivision: edge, ..Options::default() }).unwrap();
+    assert!(split.mesh.points.len() > 3 && split.mesh.points[1] == [2.0, 0.0, 0.0]);
+    let flat = "v 1 0 0 1 0 0\nv 1 0 0 1 0 0\nv 1 0 0 1 0 0\nf 1 2 3\n";
+    let options = Options { scale, ..Options::default() };
+    let error = parse(Path::new("a.obj"), flat.as_bytes(), Format::Obj, &options).unwrap_err();
+    assert!(error.to_string().contains("does not suit"), "{error}");
+}
+
+#[test]
+fn files_of_other_programs_are_refused_by_name() {
+    let place = tempdir().unwrap();
+    for (name, bytes, part) in [
+        ("a.fbx", &b"Kaydara FBX Binary"[..], "FBX, which is not read"),
+        ("a.bin", b"Kaydara FBX Binary", "FBX, which is not read"),
+        ("a.blend", b"BLENDER", "Blender"),
+        ("a.drc", b"DRACO", "compressed by Draco"),
+        ("a.xyz", b"1 2 3", "not a mesh this program reads"),
+    ] {
+        let path = place.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        let error = read(&path, &Options::default()).unwrap_err().to_string();
+        assert!(error.contains(part) && error.contains("export it as PLY"), "{name}: {error}");
+        assert!(error.contains(name), "{error}");
+    }
+    assert!(read(&place.path().join("none.obj"), &Options::default()).is_err());
 }
