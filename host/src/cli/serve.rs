@@ -13,6 +13,8 @@ use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
 use tiny_http::{Header, Method, Request, Response, Server};
 
+/// Requests that are answered at a time, so that one who reads slowly does not keep the others waiting.
+const THREADS: usize = 8;
 /// Largest file of a page, bytes.
 const MOST: u64 = 1 << 26;
 
@@ -43,10 +45,13 @@ impl Serve {
         })?;
         let port = server.server_addr().to_ip().map_or(self.port, |address| address.port());
         print(format_args!("http://127.0.0.1:{port}"))?;
-        for request in server.incoming_requests() {
-            // Whoever asked may have gone; the next is answered all the same.
-            let _ = site.answer(request, port);
-        }
+        let answer = || {
+            for request in server.incoming_requests() {
+                // Whoever asked may have gone; the next is answered all the same.
+                let _ = site.answer(request, port);
+            }
+        };
+        std::thread::scope(|scope| (0..THREADS).for_each(|_| drop(scope.spawn(answer))));
         Ok(())
     }
 }
@@ -165,6 +170,8 @@ impl Site {
             ("Cache-Control", "no-cache"),
             ("ETag", &*file.tag),
             ("Vary", "Accept-Encoding"),
+            // What scripts may do the page says itself; nothing may frame it.
+            ("Content-Security-Policy", "frame-ancestors 'none'"),
             ("X-Content-Type-Options", "nosniff"),
             ("Referrer-Policy", "no-referrer"),
             ("Cross-Origin-Opener-Policy", "same-origin"),
