@@ -17,6 +17,41 @@
 //! | the expensive stages, exchangeable | [`engine`] |
 //! | oracles for the tests | [`naive`] |
 //!
+//! # A fit
+//! ```
+//! use onescan_core::chain::{Config, Problem};
+//! use onescan_core::image::Image;
+//! use onescan_core::likelihood::landmarks::Observation;
+//! use onescan_core::model::Model;
+//! use onescan_core::search::{self, ModeSearch, Options};
+//! # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/device");
+//! # let (file, picture) = (format!("{folder}/face.3dmm"), format!("{folder}/half.ppm"));
+//! # let (file, picture) = (std::fs::read(file).unwrap(), std::fs::read(picture).unwrap());
+//! # let mut words = vec![0_u32; file.len().div_ceil(4)];
+//! # bytemuck::cast_slice_mut::<u32, u8>(&mut words)[..file.len()].copy_from_slice(&file);
+//! # let bytes = &bytemuck::cast_slice(&words)[..file.len()];
+//! # let pixels = picture[b"P6\n32 32\n255\n".len()..].as_chunks().0;
+//! # let marks = std::fs::read_to_string(format!("{folder}/half.tlms")).unwrap();
+//! # let landmarks: Vec<_> = marks.lines().map(|line| {
+//! #     let [name, _, x, y] = line.split(' ').collect::<Vec<_>>()[..] else { panic!("{line}") };
+//! #     Observation { name, position: [x.parse().unwrap(), y.parse().unwrap()] }
+//! # }).collect();
+//! let model = Model::new_checked(bytes)?;
+//! let image = Image { pixels, width: 32, height: 32 };
+//! let config = Config::default().with(|config| {
+//!     (config.shape_rank, config.albedo_rank) = (20, 20);
+//!     config.pixel_patch = 5.0;
+//! });
+//! let problem = Problem::new(&model, image, &landmarks, &config);
+//! let mut memory = vec![0; search::words(&problem, &Options::default())]; // or a static array
+//! let mut search: ModeSearch<'_, '_> = ModeSearch::new(problem, Options::default(), &mut memory)?;
+//! while search.step().is_some() { /* progress, pictures, whatever you like */ }
+//! assert!(search.scene().view.pose.translation[2] < -500.0, "mm before the camera");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//! `examples/fit.rs` reads the model, the picture and the landmarks, too; with
+//! [`chain::Chain`] in place of the search it is a Markov chain.
+//!
 //! # Contract
 //! No heap, no `unsafe`, no clock, no files: the caller owns all memory and drives the chain one
 //! [`step`](chain::Chain::step) at a time. Constructors check what they are given

@@ -22,6 +22,43 @@
 //! | the core's stages for wide vectors | [`simd`] |
 //! | files, errors, progress | [`files`], [`error`], [`progress`] |
 //!
+//! # Build, draw, fit
+//! ```
+//! use onescan::fit::{Control, Job, Schedule, find_mode};
+//! use onescan::photo::Crop;
+//! use onescan::{demo, render};
+//! use onescan_core::rng::Rng;
+//! use std::sync::atomic::{AtomicBool, AtomicU64};
+//!
+//! // Of the built-in scan, with ten components; `model::build::build` takes any.
+//! let built = demo::template_model(10, &mut |_, _| ())?;
+//! let model = built.model.view();
+//!
+//! let shape = render::random_coefficients(model.shape.rank(), &mut Rng::new(1, 0));
+//! let face = render::instance(&model, &shape, &[]);
+//! assert_eq!(face.points.len(), model.vertices());
+//!
+//! let [subject, ..] = &demo::subjects(7)?[..] else { panic!("there are three") };
+//! let (photo, landmarks) = (&subject.photo, &subject.landmarks);
+//! let size = [photo.width, photo.height];
+//! let job = Job {
+//!     model: &model,
+//!     photo,
+//!     landmarks,
+//!     crop: Crop::around(&landmarks.visible_points(), size, Crop::ENLARGE, 96)?,
+//!     mask: None,
+//!     schedule: Schedule::Mode,
+//!     config: Schedule::Mode.config(&model, 96),
+//!     seed: 1,
+//!     chains: 1,
+//! };
+//! let control = Control { stop: &AtomicBool::new(false), steps: &AtomicU64::new(0) };
+//! let fits = find_mode(&[job], &control)?.expect("nobody stops it");
+//! assert!(fits[0].best_quality.landmark_rmse < 10.0, "pixels");
+//! # Ok::<(), onescan::error::Error>(())
+//! ```
+//! `examples/face.rs` does the same at full length, and writes meshes.
+//!
 //! Rooms use each other in one direction only; a test of `xtask` sees to it.
 //!
 //! Without the feature `full` only that remains which a web page needs: no building of models, no

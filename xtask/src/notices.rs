@@ -15,7 +15,8 @@ pub(crate) fn of(packages: &[&str], target: &str) -> Result<String, String> {
     }
     // Ours have a path, and what was listed before a mark.
     let lines = output(&mut tree)?;
-    let crates: BTreeSet<_> = lines.lines().filter(|line| !line.contains(" (")).collect();
+    let crates: BTreeSet<_> =
+        lines.lines().filter(|line| !line.is_empty() && !line.contains(" (")).collect();
     let metadata = output(&mut cargo(["metadata", "--format-version", "1", "--quiet"]))?;
     let metadata: Value =
         serde_json::from_str(&metadata).map_err(|e| format!("cargo metadata: {e}"))?;
@@ -63,7 +64,9 @@ fn licences(place: &Path) -> Result<Vec<String>, String> {
 mod tests {
     #[test]
     fn every_crate_is_named_and_every_text_is_there_once() {
-        let notices = super::of(&["onescan-wasm"], "wasm32-unknown-unknown").unwrap();
+        let notices =
+            super::of(&["onescan-wasm", "onescan-faces"], "wasm32-unknown-unknown").unwrap();
+        assert!(!notices.starts_with(char::is_whitespace), "each tree ends with a blank line");
         assert!(notices.lines().any(|line| line.starts_with("nalgebra v")));
         assert!(!notices.contains("onescan"), "ours are no others'");
         let heads = notices.lines().filter(|line| line.split(", ").any(|name| name == "nalgebra"));

@@ -1,6 +1,6 @@
 //! Small holes closed, by rings from the rim to its middle.
 
-use super::doctor::{Groups, area, bounds, distinct, edges};
+use super::doctor::surface::{Groups, area, bounds, distinct, edges};
 use crate::mesh::{Mesh, weld};
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::f64::consts::PI;
