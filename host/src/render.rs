@@ -3,6 +3,8 @@
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 #[cfg(feature = "full")]
+use crate::mesh::glb;
+#[cfg(feature = "full")]
 use crate::model::layout;
 use crate::photo::picture::Picture;
 use onescan_core::basis::{Basis, padded};
@@ -44,6 +46,45 @@ pub fn draw_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
     let background = Picture::filled(width, height, ground);
     // The background was made to the camera's size.
     draw_over(model, scene, &background).unwrap_or(background)
+}
+
+/// How many pixels to each side become one of a smooth picture.
+#[cfg(feature = "full")]
+const SAMPLES: u32 = 3;
+
+/// [`draw_on`] with smooth outlines: drawn larger, and averaged as light adds up.
+#[cfg(feature = "full")]
+pub fn draw_smooth(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
+    let size = scene.view.camera.image_size;
+    let mut large = scene.clone();
+    large.view.camera = resampled_camera(&scene.view.camera, size.map(|side| SAMPLES * side));
+    averaged(&draw_on(model, &large, ground), SAMPLES)
+}
+
+/// A picture whose pixels are the mean light of `factor²` of another's.
+#[cfg(feature = "full")]
+fn averaged(picture: &Picture, factor: u32) -> Picture {
+    /// Of one byte's light at full.
+    const FULL: f32 = 65535.0;
+    // Integers, so that sums do not depend on their order; equal pixels stay as they are.
+    let light: [u32; 256] =
+        std::array::from_fn(|byte| (FULL * glb::linear(byte as f32 / 255.0)).round() as u32);
+    let stored = |mean: u32| {
+        let above = light.partition_point(|l| *l < mean).min(255);
+        let below = above.saturating_sub(1);
+        if light[above].abs_diff(mean) <= mean.abs_diff(light[below]) { above } else { below }
+    };
+    Picture::from_fn(picture.width / factor, picture.height / factor, |x, y| {
+        let mut sums = [0; 3];
+        for (j, i) in (0..factor).flat_map(|j| (0..factor).map(move |i| (j, i))) {
+            let pixel = picture.pixel(factor * x + i, factor * y + j).unwrap_or_default();
+            for (sum, byte) in sums.iter_mut().zip(pixel) {
+                *sum += light[usize::from(byte)];
+            }
+        }
+        let count = factor * factor;
+        sums.map(|sum| stored((sum + count / 2) / count) as u8)
+    })
 }
 
 /// The inverse distance (1/mm) of what the camera sees of the model at each of its pixels, row by row; 0
@@ -94,7 +135,17 @@ pub fn draw_mesh(mesh: &Mesh, scene: &Scene, ground: [u8; 3]) -> Result<Picture>
     let mut scene = scene.clone();
     scene.subject.shape.clear();
     scene.subject.albedo.clear();
-    Ok(draw_on(&rigid.view(), &scene, ground))
+    Ok(draw_smooth(&rigid.view(), &scene, ground))
+}
+
+/// Draws a mesh upright, turned by yaw and pitch in radians.
+///
+/// # Errors
+/// A mesh that breaks its guarantees.
+#[cfg(feature = "full")]
+pub fn mesh_portrait(mesh: &Mesh, size: [u32; 2], [yaw, pitch]: [f32; 2]) -> Result<Picture> {
+    let rigid = layout::rigid(mesh, &[])?;
+    Ok(draw_smooth(&rigid.view(), &portrait(&rigid.view(), size, yaw, pitch), GROUND))
 }
 
 /// Standard normal coefficients.
@@ -176,5 +227,40 @@ pub fn instance(model: &Model<'_>, shape: &[f32], albedo: &[f32]) -> Mesh {
         points: field(model, &model.shape, shape),
         colors: colors.into_iter().map(|c| c.map(|x| x.clamp(0.0, 1.0))).collect(),
         triangles: (0..model.triangles.len()).filter_map(|t| model.triangles.get(t)).collect(),
+    }
+}
+
+#[cfg(all(test, feature = "full"))]
+mod tests {
+    use super::*;
+    use crate::demo;
+
+    #[test]
+    fn light_is_averaged_and_not_its_bytes() {
+        let halves =
+            Picture::from_fn(6, 3, |x, _| if x < 3 { [90; 3] } else { [255 * (x as u8 % 2); 3] });
+        let smooth = averaged(&halves, 3);
+        // Two thirds of full light (pixels 3 and 5 of three).
+        assert_eq!(smooth.rgb, [[90; 3], [213; 3]]);
+        let all = Picture::from_fn(256, 1, |x, _| [x as u8; 3]).enlarged(3);
+        assert!(averaged(&all, 3).rgb.iter().zip(0..).all(|(pixel, x)| *pixel == [x; 3]));
+    }
+
+    #[test]
+    fn outlines_are_smooth_and_where_they_were() {
+        let (face, _) = demo::template().unwrap();
+        let rigid = layout::rigid(&face, &[]).unwrap();
+        let scene = portrait(&rigid.view(), [96, 80], 0.4, 0.0);
+        let (rough, smooth) =
+            (draw_on(&rigid.view(), &scene, GROUND), draw_mesh(&face, &scene, GROUND).unwrap());
+        assert_eq!((smooth.width, smooth.height), (96, 80));
+        let apart = |x: u32, y: u32| {
+            let [a, b] = [&rough, &smooth].map(|p| p.pixel(x, y).unwrap());
+            (0..3).map(|i| u32::from(a[i].abs_diff(b[i]))).sum::<u32>()
+        };
+        let all = (0..80).flat_map(|y| (0..96).map(move |x| (x, y)));
+        let total: u32 = all.map(|(x, y)| apart(x, y)).sum();
+        // Half a pixel's shift would be 5 of 765 on average.
+        assert!((96 * 80 / 10..96 * 80 * 4).contains(&total), "{total}");
     }
 }

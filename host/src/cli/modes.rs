@@ -4,6 +4,7 @@ use super::{degrees, output_directory, positive, write_mesh};
 use clap::Args;
 use onescan::error::Result;
 use onescan::interchange;
+use onescan::photo::caption::captioned;
 use onescan::photo::picture::{WHITE, contact_sheet};
 use onescan::progress::Console;
 use onescan::render;
@@ -57,9 +58,13 @@ impl Modes {
                     let name = format!("{half}_{}_{name}", k + 1);
                     if half == "shape" { show(&name, &c, &[]) } else { show(&name, &[], &c) }
                 };
-                pictures.push(side("minus", -self.deviations)?);
-                pictures.push(mean.clone());
-                pictures.push(side("plus", self.deviations)?);
+                for (name, deviations) in [("minus", -self.deviations), ("plus", self.deviations)] {
+                    let text = format!("{half} {}: {deviations:+} sd", k + 1);
+                    pictures.push(captioned(&side(name, deviations)?, &text));
+                    if name == "minus" {
+                        pictures.push(captioned(&mean, "mean"));
+                    }
+                }
             }
         }
         let path = self.output.join("modes.png");

@@ -1,6 +1,6 @@
 //! `onescan sample`.
 
-use super::{output_directory, write_mesh};
+use super::{degrees, output_directory, write_mesh};
 use clap::Args;
 use onescan::error::Result;
 use onescan::interchange;
@@ -32,10 +32,15 @@ pub(super) struct Sample {
     /// Vary the albedo alone.
     #[arg(long)]
     albedo_only: bool,
+    /// Side of a picture, pixels.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..=2048))]
+    size: u32,
+    /// Turn to the subject's left, degrees.
+    #[arg(long, default_value_t = 20.0, allow_negative_numbers = true, value_parser = degrees)]
+    yaw: f32,
 }
 
-/// Side of one sample's picture in the sheet, and how many it shows at most.
-const SIDE: u32 = 256;
+/// How many the sheet shows at most.
 const SHOWN: usize = 48;
 
 impl Sample {
@@ -43,6 +48,7 @@ impl Sample {
         let file = interchange::open(&self.model)?;
         let model = file.view();
         output_directory(&self.output)?;
+        let yaw = self.yaw.to_radians();
         let mut rng = Rng::new(self.seed, 0);
         let mut task = console.task("sampling", u64::from(self.n));
         let mut pictures = Vec::new();
@@ -60,7 +66,7 @@ impl Sample {
                 write_mesh(&self.output.join(format!("sample_{number:02}.{format}")), &mesh)?;
             }
             if pictures.len() < SHOWN {
-                let scene = render::portrait(&model, [SIDE; 2], 0.35, 0.0);
+                let scene = render::portrait(&model, [self.size; 2], yaw, 0.0);
                 pictures.push(render::draw_mesh(&mesh, &scene, render::GROUND)?);
             }
             task.set(u64::from(number) + 1);

@@ -1,5 +1,7 @@
 //! Photos: reading PNG and JPEG, cutting out the part a fit looks at, and mapping back.
 
+#[cfg(feature = "full")]
+pub mod caption;
 pub mod picture;
 pub mod tlms;
 
