@@ -107,6 +107,14 @@ impl Onescan {
         run.stdout
     }
 
+    /// Starts it, with its standard output to be read.
+    ///
+    /// # Panics
+    /// If it does not start.
+    pub fn start(mut self) -> Child {
+        self.0.stdout(Stdio::piped()).spawn().expect("onescan starts")
+    }
+
     /// Runs it with nobody to read what it prints.
     ///
     /// # Panics

@@ -18,6 +18,7 @@ mod register;
 mod render;
 mod sample;
 mod scan;
+mod serve;
 
 use clap::{Parser, Subcommand};
 use onescan::error::{Error, Result};
@@ -97,6 +98,7 @@ enum Command {
     Fit(fit::Fit),
     Recognise(recognise::Recognise),
     Register(register::Register),
+    Serve(serve::Serve),
     Bench(bench::Bench),
 }
 
@@ -122,6 +124,7 @@ impl Arguments {
             Some(Command::Fit(command)) => command.run(console),
             Some(Command::Recognise(command)) => command.run(console),
             Some(Command::Register(command)) => command.run(console),
+            Some(Command::Serve(command)) => command.run(),
             Some(Command::Bench(command)) => command.run(console),
         }
     }
