@@ -230,7 +230,8 @@ pub fn instance(model: &Model<'_>, shape: &[f32], albedo: &[f32]) -> Mesh {
     }
 }
 
-#[cfg(all(test, feature = "full"))]
+#[cfg(test)]
+#[cfg(feature = "full")]
 mod tests {
     use super::*;
     use crate::demo;
