@@ -49,7 +49,7 @@ impl Console {
             ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::hidden())
         } else {
             let style = ProgressStyle::with_template(
-                "{msg:24} [{bar:40}] {percent:>3} %  {elapsed} of {duration}",
+                "{msg:24} [{bar:40}] {percent:>3} %  {elapsed}, {eta} left",
             )
             .unwrap_or_else(|_| ProgressStyle::default_bar())
             .progress_chars("=> ");
@@ -58,7 +58,8 @@ impl Console {
             bar
         };
         let plain = !self.quiet && !stderr().is_terminal();
-        Task { bar, plain, name: name.to_string(), last: Instant::now() }
+        let now = Instant::now();
+        Task { bar, plain, name: name.to_string(), started: now, stage: now, last: now }
     }
 }
 
@@ -67,12 +68,23 @@ pub struct Task {
     bar: ProgressBar,
     plain: bool,
     name: String,
+    started: Instant,
+    /// When what is being done was begun.
+    stage: Instant,
+    /// The last plain line.
     last: Instant,
+}
+
+/// How long what is left will take, if it goes on as before.
+fn left(elapsed: Duration, done: u64, total: u64) -> Duration {
+    elapsed.mul_f64(total.saturating_sub(done) as f64 / done.max(1) as f64)
 }
 
 impl Task {
     /// Between plain lines.
     const PLAIN_INTERVAL: Duration = Duration::from_secs(5);
+    /// Of a stage.
+    const WORTH_TELLING: Duration = Duration::from_secs(1);
 
     /// The task has come to `done` units.
     pub fn set(&mut self, done: u64) {
@@ -80,7 +92,11 @@ impl Task {
         if self.plain && self.last.elapsed() > Self::PLAIN_INTERVAL {
             self.last = Instant::now();
             let total = self.bar.length().unwrap_or(1).max(1);
-            complain(format_args!("{}: {} %", self.name, 100 * done / total));
+            let elapsed = self.started.elapsed();
+            let left = left(elapsed, done, total).as_secs();
+            let (name, percent) = (&self.name, 100 * done / total);
+            let so_far = elapsed.as_secs();
+            complain(format_args!("{name}: {percent} %, {so_far} s, about {left} s left"));
         }
     }
 
@@ -93,13 +109,44 @@ impl Task {
     /// Changes what the bar says it is doing.
     pub fn name(&mut self, name: &str) {
         if self.name != name {
+            self.say_stage();
             self.name = name.to_string();
             self.bar.set_message(plain(name).into_owned());
         }
     }
 
+    /// Says how long took what is done, unless that was no time.
+    fn say_stage(&mut self) {
+        let took = self.stage.elapsed();
+        self.stage = Instant::now();
+        if took < Self::WORTH_TELLING {
+            return;
+        }
+        let line = format!("{}: {:.1} s", self.name, took.as_secs_f64());
+        if self.plain {
+            complain(line);
+        } else {
+            self.bar.println(plain(&line));
+        }
+    }
+
     /// The task is done; its bar disappears.
-    pub fn finish(self) {
+    pub fn finish(mut self) {
+        self.say_stage();
         self.bar.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_takes_as_long_as_what_was_done() {
+        let elapsed = Duration::from_secs(10);
+        assert_eq!(left(elapsed, 25, 100), Duration::from_secs(30));
+        assert_eq!(left(elapsed, 100, 100), Duration::ZERO);
+        assert_eq!(left(Duration::ZERO, 0, 1000), Duration::ZERO);
+        assert_eq!(left(elapsed, 120, 100), Duration::ZERO);
     }
 }

@@ -125,6 +125,16 @@ pub fn draw_mesh(mesh: &Mesh, scene: &Scene, ground: [u8; 3]) -> Result<Picture>
     Ok(smooth_on(&rigid.view(), &scene, ground))
 }
 
+/// Draws a mesh upright, turned by yaw and pitch in radians, with smooth edges.
+///
+/// # Errors
+/// A mesh that breaks its guarantees.
+#[cfg(feature = "full")]
+pub fn mesh_portrait(mesh: &Mesh, size: [u32; 2], [yaw, pitch]: [f32; 2]) -> Result<Picture> {
+    let rigid = layout::rigid(mesh, &[])?;
+    Ok(smooth_on(&rigid.view(), &portrait(&rigid.view(), size, yaw, pitch), GROUND))
+}
+
 /// Standard normal coefficients.
 pub fn random_coefficients(count: usize, rng: &mut Rng) -> Vec<f32> {
     (0..count).map(|_| rng.normal() as f32).collect()
@@ -206,7 +216,8 @@ pub fn instance(model: &Model<'_>, shape: &[f32], albedo: &[f32]) -> Mesh {
     }
 }
 
-#[cfg(all(test, feature = "full"))]
+#[cfg(test)]
+#[cfg(feature = "full")]
 mod tests {
     use super::*;
     use crate::model_file::OwnedModel;

@@ -1,7 +1,7 @@
 //! Landmarks found by the command: in photos, by `fit` itself, and on a scan.
 
 use onescan::photo::tlms::Tlms;
-use onescan_tests::program::{Onescan, json};
+use onescan_tests::program::{Onescan, fixtures, json};
 use std::fs;
 use tempfile::tempdir;
 
@@ -20,7 +20,11 @@ fn a_fit_finds_the_landmarks_itself() {
     let used = fs::read_to_string(at("fit/landmarks.tlms")).unwrap();
     assert!(used.lines().count() >= 4 && used.lines().all(|line| found.contains(line)));
     let itself = json(&at("fit/fit.json"));
-    assert_eq!(itself["command"], "onescan fit small.3dmm astronaut.png -o fit");
+    // As they were given, so that it runs again.
+    let [model, photo] =
+        ["golden/small.3dmm", "photos/astronaut.png"].map(|name| fixtures().join(name));
+    let (model, photo) = (model.display(), photo.display());
+    assert_eq!(itself["command"], format!("onescan fit {model} {photo} -o fit"));
 
     fs::copy(at("fit/landmarks.tlms"), at("used.tlms")).unwrap();
     run("fit @golden/small.3dmm @photos/astronaut.png --landmarks used.tlms -o fit");
@@ -29,7 +33,7 @@ fn a_fit_finds_the_landmarks_itself() {
     assert!(!at("fit/landmarks.tlms").exists(), "an earlier fit's are not left behind");
     assert_eq!(
         given["command"],
-        "onescan fit small.3dmm astronaut.png --landmarks used.tlms -o fit"
+        format!("onescan fit {model} {photo} --landmarks used.tlms -o fit")
     );
 }
 

@@ -54,7 +54,13 @@ fn models_are_learnt_cut_out_conditioned_and_measured() {
     assert!(variance(&info("known.3dmm")) < variance(&small));
 
     run("modes known.3dmm -n 2 -o modes");
-    assert!(photo::read(&at("modes/modes.png")).is_ok());
+    // A row for each component, with a line of words below its pictures.
+    let sheet = photo::read(&at("modes/modes.png")).unwrap();
+    let [picture, words] = [256, 22];
+    let rows = (sheet.height + 4) / (picture + words + 4);
+    assert_eq!((sheet.width, sheet.height), (6 * 260 - 4, rows * (picture + words + 4) - 4));
+    let below = sheet.cropped(0, picture, 256, words);
+    assert!(below.rgb.contains(&[0; 3]) && below.rgb.contains(&[255; 3]));
     assert!(at("modes/albedo_2_plus.ply").exists());
 
     run("evaluate pca.3dmm both.3dmm --meshes samples --samples 10 --surface-samples 2 -o report");

@@ -153,6 +153,13 @@ fn is_self_contained(html: &str) {
     }
 }
 
+/// The command of a fit of fixtures, which are where they were said to be.
+fn command(files: &[&str], marks: &str) -> String {
+    let at = |name: &str| fixtures().join(name).display().to_string();
+    let files = files.iter().map(|name| at(name)).collect::<Vec<_>>().join(" ");
+    format!("onescan fit {files} --landmarks {} -o fit", at(marks))
+}
+
 #[test]
 fn a_fit_searches_for_the_mode_with_all_components() {
     let place = tempdir().unwrap();
@@ -167,7 +174,7 @@ fn a_fit_searches_for_the_mode_with_all_components() {
     assert!(number("/pixel_rmse/best") < number("/pixel_rmse/initial"));
     assert_eq!(
         found["command"],
-        "onescan fit small.3dmm astronaut.png --landmarks astronaut.tlms -o fit"
+        command(&["golden/small.3dmm", "photos/astronaut.png"], "photos/astronaut.tlms")
     );
     for name in ["mask.png", "behind.png", "overlay.png"] {
         assert!(photo::read(&place.path().join("fit").join(name)).is_ok(), "{name}");
@@ -513,4 +520,37 @@ fn an_interrupted_fit_goes_on_as_if_nothing_had_been() {
         assert_eq!(resumed[field], whole[field], "{field}");
     }
     assert!(!fit.checkpoint().exists(), "a finished fit keeps no checkpoint");
+}
+
+#[test]
+fn models_and_meshes_are_drawn_from_any_side_with_smooth_outlines() {
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    let run = |line: &str| Onescan::new(place.path(), line).succeed();
+    let drawn = |line: &str| {
+        run(&format!("{line} -o a.png"));
+        photo::read(&at("a.png")).unwrap()
+    };
+    let model = drawn("render @golden/small.3dmm --size 120");
+    assert_eq!((model.width, model.height), (120, 120));
+    let mesh = drawn("render @face/template.ply --size 120x90 --yaw 40");
+    assert_eq!((mesh.width, mesh.height), (120, 90));
+    assert_ne!(drawn("render @face/template.ply --size 120x90"), mesh);
+    // Where the outline crosses a row, the ground shows through in part.
+    let brightness = |x: u32, y: u32| -> u32 {
+        mesh.pixel(x, y).unwrap_or_default().iter().map(|c| u32::from(*c)).sum()
+    };
+    let edge = |y: u32| (0..119).find(|x| brightness(*x, y) < 3 * 255).map(|x| (x, y));
+    let rows: Vec<_> = (0..90).filter_map(edge).collect();
+    let soft = rows.iter().filter(|(x, y)| brightness(*x, *y) > brightness(x + 1, *y) + 60);
+    assert!(2 * soft.count() > rows.len(), "of {} rows", rows.len());
+
+    run("inspect @face/template.ply --picture sides.png");
+    let sides = photo::read(&at("sides.png")).unwrap();
+    assert_eq!(sides.width, 4 * 384 + 3 * 4);
+    run("sample @golden/small.3dmm -n 2 --size 64 --yaw -30 -o samples");
+    assert_eq!(photo::read(&at("samples/samples.png")).unwrap().width, 2 * 64 + 4);
+    let refused =
+        Onescan::new(place.path(), "render @face/template.ply --fit f.json -o a.png").run();
+    assert!(refused.stderr.contains("a mesh has none"), "{}", refused.stderr);
 }

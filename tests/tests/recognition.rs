@@ -100,7 +100,7 @@ fn of_equal_models_a_mixture_keeps_the_weights() {
     assert!((weight - 0.25).abs() < 1e-9, "{weight}");
     assert_eq!(fit["mixture"][1]["before"], 0.75);
     assert_eq!(fit["mixture"][0]["ln_evidence"], fit["mixture"][1]["ln_evidence"]);
-    assert!(fit["command"].as_str().unwrap().starts_with("onescan fit two.toml astronaut.png"));
+    assert!(fit["command"].as_str().unwrap().starts_with("onescan fit two.toml "));
     let components = json(&at("fit/components.json"));
     assert_eq!(components["fits"][1]["fingerprint"], fit["fingerprint"]);
     assert!(fs::read_to_string(at("fit/report.html")).unwrap().contains("The mixture"));

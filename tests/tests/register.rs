@@ -34,7 +34,8 @@ fn a_turned_scan_is_registered_where_it_lies() {
     let rms = (squares.sum::<f64>() / truth.len() as f64).sqrt();
     assert!(rms < 2.2, "{rms} mm from the truth");
     let numbers = json(&at("one/register.json"));
-    let command = "onescan register face.3dmm turned.ply -o DIR --uncertainty --unit 1 --front=z";
+    let command =
+        "onescan register face.3dmm scans/turned.ply -o DIR --uncertainty --unit 1 --front=z";
     assert_eq!(numbers["command"], command);
     assert!(numbers["chamfer_mm"].as_f64().unwrap() < 1.0, "{numbers}");
     assert!(numbers["hausdorff_95_mm"].as_f64() <= numbers["hausdorff_mm"].as_f64());

@@ -1,12 +1,12 @@
 //! `onescan fit`.
 
-use super::{file_name, output_directory};
+use super::{output_directory, typed};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::face_mesh::Marked;
 use onescan::files::{has_extension, write_atomically};
 use onescan::fit::checkpoint::Save;
-use onescan::fit::output::{self, Finished, Names, PhotoNames};
+use onescan::fit::output::{self, Finished, Names, PhotoNames, quoted};
 use onescan::fit::summary::{ComponentFound, Summaries};
 use onescan::fit::{self, Control, Ending, Job, Schedule, find_mode};
 use onescan::interchange::mixture::Mixture;
@@ -529,14 +529,14 @@ impl Fit {
     fn names(&self) -> Names {
         let photos = self.images.iter().enumerate();
         Names {
-            model: file_name(&self.model),
+            model: typed(&self.model),
             given: None,
             face: self.face.unwrap_or(1),
             photos: photos
                 .map(|(i, image)| PhotoNames {
-                    image: file_name(image),
-                    landmarks: self.landmarks.get(i).map(|path| file_name(path)),
-                    mask: self.mask.get(i).map(|path| file_name(path)),
+                    image: typed(image),
+                    landmarks: self.landmarks.get(i).map(|path| typed(path)),
+                    mask: self.mask.get(i).map(|path| typed(path)),
                 })
                 .collect(),
         }
@@ -545,7 +545,7 @@ impl Fit {
     /// The models as they were given.
     fn given_models(&self) -> String {
         let all = std::iter::once(&self.model).chain(&self.more);
-        all.map(|path| file_name(path)).collect::<Vec<_>>().join(" ")
+        all.map(|path| quoted(&typed(path))).collect::<Vec<_>>().join(" ")
     }
 
     fn say_open(&self, console: Console) {

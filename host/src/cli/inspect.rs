@@ -7,7 +7,10 @@ use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::mesh::Mesh;
 use onescan::mesh::ply::{self, Encoding};
+use onescan::photo::caption::captioned;
+use onescan::photo::picture::{Picture, WHITE, montage};
 use onescan::progress::{Console, print};
+use onescan::render;
 use onescan::scan::doctor::{Findings, mend};
 use serde_json::json;
 use std::path::PathBuf;
@@ -28,9 +31,23 @@ pub(super) struct Inspect {
     /// so that they agree and look outwards, drops vertices of no triangle.
     #[arg(long, value_name = "OUT.ply")]
     mend: Option<PathBuf>,
+    /// Picture of the scan to write, from the front, both sides and behind: PNG.
+    #[arg(long, value_name = "FILE.png")]
+    picture: Option<PathBuf>,
     /// Mend by dropping all pieces but the largest, too: eyes, say, and what else is loose.
     #[arg(long, requires = "mend")]
     largest: bool,
+}
+
+/// A mesh from four sides.
+fn views(mesh: &Mesh) -> Result<Picture> {
+    let view = |(name, degrees): (&str, f32)| {
+        let picture = render::mesh_portrait(mesh, [384; 2], [degrees.to_radians(), 0.0])?;
+        Ok(captioned(&picture, name))
+    };
+    let sides = [("front", 0.0), ("its left", -90.0), ("its right", 90.0), ("behind", 180.0)];
+    let views = sides.into_iter().map(view).collect::<Result<Vec<_>>>()?;
+    Ok(montage(&views.iter().collect::<Vec<_>>(), 4, WHITE))
 }
 
 impl Inspect {
@@ -38,9 +55,16 @@ impl Inspect {
         if let Some(path) = &self.mend {
             output_file(path, &["ply"])?;
         }
+        if let Some(path) = &self.picture {
+            output_file(path, &["png"])?;
+        }
         let (Placed { mut mesh, unit, .. }, _) = self.scan.read(console)?;
         for point in &mut mesh.points {
             *point = point.map(|c| c * unit);
+        }
+        if let Some(path) = &self.picture {
+            views(&mesh)?.write_png(path)?;
+            console.say(format_args!("wrote {}", path.display()));
         }
         let findings = Findings::of(&mesh, 1.0);
         let mended = match &self.mend {

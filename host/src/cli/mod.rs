@@ -136,6 +136,11 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
+/// A path as it was given, for commands that are to run again.
+fn typed(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
 /// Makes the output directory, so that a place that cannot be written is known before the work.
 fn output_directory(path: &Path) -> Result<()> {
     std::fs::create_dir_all(path).and_then(|()| tempfile::tempfile_in(path).map(drop)).map_err(
@@ -220,12 +225,14 @@ fn write_model(console: Console, from: &Path, path: &Path, model: &Morphable) ->
     Ok(())
 }
 
-/// Parses `WxH`.
+/// Parses `WxH`, or the side of a square.
 fn size(text: &str) -> std::result::Result<[u32; 2], String> {
-    let (w, h) = text.split_once(['x', '×']).ok_or("expected WIDTHxHEIGHT, like 512x512")?;
+    let (w, h) = text.split_once(['x', '×']).unwrap_or((text, text));
     let side = |s: &str| match s.parse() {
         Ok(side) if (1..=8192).contains(&side) => Ok(side),
-        _ => Err(format!("{s:?} is not a side of 1 to 8192 pixels")),
+        _ => Err(format!(
+            "{s:?} is not a side of 1 to 8192 pixels; give one, or WIDTHxHEIGHT, like 512x384"
+        )),
     };
     Ok([side(w)?, side(h)?])
 }

@@ -46,7 +46,6 @@ impl Modes {
         };
         let mean = show("mean", &[], &[])?;
         let count = (self.n as usize).min(model.shape.rank().max(model.albedo.rank()));
-        let mean = captioned(&mean, "mean");
         let mut pictures = Vec::new();
         for k in 0..count {
             for half in ["shape", "albedo"] {
@@ -59,13 +58,13 @@ impl Modes {
                     let name = format!("{half}_{}_{name}", k + 1);
                     if half == "shape" { show(&name, &c, &[]) } else { show(&name, &[], &c) }
                 };
-                let side = |name: &str, deviations: f64| -> Result<_> {
-                    let caption = format!("{half} {}: {deviations:+} sd", k + 1);
-                    Ok(captioned(&side(name, deviations)?, &caption))
-                };
-                pictures.push(side("minus", -self.deviations)?);
-                pictures.push(mean.clone());
-                pictures.push(side("plus", self.deviations)?);
+                for (name, deviations) in [("minus", -self.deviations), ("plus", self.deviations)] {
+                    let text = format!("{half} {}: {deviations:+} sd", k + 1);
+                    pictures.push(captioned(&side(name, deviations)?, &text));
+                    if name == "minus" {
+                        pictures.push(captioned(&mean, "mean"));
+                    }
+                }
             }
         }
         let path = self.output.join("modes.png");

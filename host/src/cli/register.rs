@@ -1,10 +1,11 @@
 //! `onescan register`.
 
 use super::scan::{Placed, Reading};
-use super::{file_name, output_directory};
+use super::{file_name, output_directory, typed};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::{listed, write_atomically};
+use onescan::fit::output::quoted;
 use onescan::interchange;
 use onescan::mesh::landmarks;
 use onescan::progress::{Console, Task};
@@ -252,9 +253,9 @@ impl Register {
 
     /// The command that does the same for one scan.
     fn command(&self, scan: &Path, marks: Option<&Path>) -> String {
+        let shown = |path: &Path| quoted(&typed(path));
         let defaults = Options::default();
-        let mut command =
-            format!("onescan register {} {} -o DIR", file_name(&self.model), file_name(scan));
+        let mut command = format!("onescan register {} {} -o DIR", shown(&self.model), shown(scan));
         let mut add = |option: &str, value: &dyn Display, differs: bool| {
             if differs {
                 // Writing to a string cannot fail.
@@ -262,7 +263,7 @@ impl Register {
             }
         };
         add("shape-only", &"", self.shape_only);
-        let landmarks = marks.map(|path| format!(" {}", file_name(path))).unwrap_or_default();
+        let landmarks = marks.map(|path| format!(" {}", shown(path))).unwrap_or_default();
         add("landmarks", &landmarks, marks.is_some());
         let sd = format!(" {}", self.landmark_sd);
         add("landmark-sd", &sd, self.landmark_sd != defaults.landmark_sd);

@@ -1,8 +1,9 @@
 //! A scan on the command line: which file, and what the file does not say.
 
-use super::file_name;
+use super::typed;
 use clap::Args;
 use onescan::error::{Error, Result};
+use onescan::fit::output::quoted;
 use onescan::mesh::Mesh;
 use onescan::mesh::landmarks::{self, Landmark};
 use onescan::progress::Console;
@@ -187,7 +188,7 @@ impl Reading {
         add("front", self.front.map(|front| format!("={front}")));
         let bytes = self.colour.map(|color| color.map(|c| (255.0 * c).round().to_string()));
         add("colour", bytes.map(|bytes| format!(" {}", bytes.join(","))));
-        add("texture", self.texture.as_deref().map(|path| format!(" {}", file_name(path))));
+        add("texture", self.texture.as_deref().map(|path| format!(" {}", quoted(&typed(path)))));
         add("flip-v", self.flip_v.then(String::new));
         add("subdivide", self.subdivide.map(|times| format!(" {times}")));
         add("edge", self.edge.map(|edge| format!(" {edge}")));

@@ -20,7 +20,6 @@ use onescan_core::chain;
 use onescan_core::model::Model;
 use onescan_core::scene::{Scene, Subject};
 use std::fmt::{Display, Write as _};
-#[cfg(feature = "full")]
 use std::path::Path;
 use std::sync::Arc;
 
@@ -59,12 +58,12 @@ const SAMPLED: [&str; 6] = [
     "uncertainty.png",
 ];
 
-/// What the files are called; names only, without directories.
+/// What the files are called, with the directories that were given; without them in texts about the fit.
 #[derive(Clone, Debug)]
 pub struct Names {
     /// Of the model.
     pub model: String,
-    /// What the command is given for it, if that is something else: a mixture, several models.
+    /// What the command is given for it, quoted, if that is something else: a mixture, several models.
     pub given: Option<String>,
     /// Which face was found, by size from 1.
     pub face: u32,
@@ -77,7 +76,8 @@ impl Names {
     /// is called the same. Nowhere if there is no such photo.
     pub fn folder(&self, photo: usize) -> String {
         fn stem(names: &PhotoNames) -> &str {
-            names.image.rsplit_once('.').map_or(&names.image, |(stem, _)| stem)
+            let name = bare(&names.image);
+            name.rsplit_once('.').map_or(name, |(stem, _)| stem)
         }
         let own = self.photos.get(photo).map(stem).unwrap_or_default();
         if self.photos.iter().filter(|names| stem(names) == own).count() > 1 {
@@ -85,6 +85,20 @@ impl Names {
         }
         own.to_owned()
     }
+}
+
+/// A file's name without its directories.
+fn bare(name: &str) -> &str {
+    Path::new(name).file_name().and_then(|name| name.to_str()).unwrap_or(name)
+}
+
+/// A name as a shell takes it.
+pub fn quoted(name: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./+,:@%=".contains(c);
+    if !name.is_empty() && name.chars().all(plain) {
+        return name.to_owned();
+    }
+    format!("'{}'", name.replace('\'', r"'\''"))
 }
 
 /// What a photo's files are called.
@@ -216,16 +230,19 @@ pub fn summarize(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Resul
     Ok(Summary {
         onescan: env!("CARGO_PKG_VERSION").into(),
         command: command(job, names),
-        model: ModelUsed { file: names.model.clone(), checksum: hex(job.model.checksum()) },
+        model: ModelUsed {
+            file: bare(&names.model).to_owned(),
+            checksum: hex(job.model.checksum()),
+        },
         image: PhotoUsed {
-            file: own.image.clone(),
+            file: bare(&own.image).to_owned(),
             size: [job.photo.width, job.photo.height],
             crop: fit.crop,
             landmarks: job.landmarks.visible().count(),
         },
         others: (names.photos.iter().enumerate())
             .filter(|(i, _)| *i != photo)
-            .map(|(_, other)| other.image.clone())
+            .map(|(_, other)| bare(&other.image).to_owned())
             .collect(),
         seed: job.seed,
         fingerprint: hex(fit.fingerprint),
@@ -277,11 +294,11 @@ pub fn summarize(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Resul
 /// The command that repeats the fit.
 fn command(job: &Job<'_>, names: &Names) -> String {
     let list = |name: &dyn Fn(&PhotoNames) -> Option<&str>| {
-        names.photos.iter().filter_map(name).collect::<Vec<_>>().join(" ")
+        names.photos.iter().filter_map(name).map(quoted).collect::<Vec<_>>().join(" ")
     };
     let images = list(&|photo| Some(&photo.image));
     let landmarks = list(&|photo| photo.landmarks.as_deref());
-    let model = names.given.as_ref().unwrap_or(&names.model);
+    let model = names.given.clone().unwrap_or_else(|| quoted(&names.model));
     let marks =
         if landmarks.is_empty() { String::new() } else { format!(" --landmarks {landmarks}") };
     let mut command = format!("onescan fit {model} {images}{marks} -o fit");
@@ -550,4 +567,17 @@ pub fn closing_line(summary: &Summary) -> String {
         "{}: pixel error {error}, landmarks {:.1} px of the crop, {:.0} steps/s, fingerprint {}",
         summary.image.file, summary.landmark_rmse_px, summary.steps_per_second, summary.fingerprint
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_quoted_as_shells_want_it() {
+        assert_eq!(quoted("photos/a-1.png"), "photos/a-1.png");
+        assert_eq!(quoted("my photo.png"), "'my photo.png'");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+        assert_eq!(bare("photos/a.png"), "a.png");
+    }
 }
