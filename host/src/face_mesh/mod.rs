@@ -41,12 +41,16 @@ pub struct Face {
     pub score: f32,
     /// The 468 points of the mesh, pixels; whole numbers are centres of pixels.
     pub points: Vec<[f32; 2]>,
+    /// The photo's size, pixels.
+    pub photo: [u32; 2],
 }
 
 impl Face {
-    /// Its landmarks by our names.
+    /// Its landmarks by our names, but those that the photo's edge cuts off.
     pub fn landmarks(&self) -> Tlms {
-        Tlms::of_mesh(&self.points)
+        let mut landmarks = Tlms::of_mesh(&self.points);
+        landmarks.keep_within(self.photo);
+        landmarks
     }
 }
 
@@ -130,7 +134,8 @@ impl Detector {
     fn face(&self, photo: &Picture, found: &Found) -> Option<Face> {
         let (points, presence) = detect::points(&self.mesh, photo, found);
         let &Found { center, size, score, .. } = found;
-        (presence >= 0.5).then_some(Face { center, size, score, points })
+        let photo = [photo.width, photo.height];
+        (presence >= 0.5).then_some(Face { center, size, score, points, photo })
     }
 }
 
@@ -190,6 +195,12 @@ impl Marked {
         let mut known = self.landmarks.clone();
         if self.some {
             known.keep(names);
+        }
+        if self.found && self.landmarks.landmarks.len() < MIN_VISIBLE {
+            return Err(Error::new(
+                "the photo's edge cuts off too much of the face; mark what is to be seen of it and name the \
+                 file by --landmarks",
+            ));
         }
         if self.found && known.landmarks.len() < MIN_VISIBLE {
             return Err(Error::new(
@@ -288,6 +299,19 @@ mod tests {
         assert!(marked.note.unwrap().starts_with("face 2 of 2 (another by --face): 1 at ("));
         let error = Marked::read(None, &both, 3).unwrap_err().to_string();
         assert!(error.starts_with("no face 3; there are only 1 at ("), "{error}");
+    }
+
+    #[test]
+    fn landmarks_beyond_the_photos_edge_are_left_out() {
+        let whole = photo("astronaut.png");
+        let all = Detector::embedded().faces(&whole)[0].landmarks();
+        let outer = all.landmarks.iter().find(|l| l.id == "right.eye.corner_outer").unwrap();
+        let from = outer.x as u32 + 12;
+        let cut = whole.cropped(from, 0, whole.width - from, whole.height);
+        let found = Marked::read(None, &cut, 1).unwrap().landmarks;
+        let names: Vec<&str> = found.landmarks.iter().map(|l| l.id.as_str()).collect();
+        assert!(!names.contains(&"right.eye.corner_outer") && names.len() > 20, "{names:?}");
+        found.check(cut.width, cut.height, &names).unwrap();
     }
 
     #[test]

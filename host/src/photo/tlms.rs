@@ -29,6 +29,15 @@ pub struct Landmark2 {
     pub y: f32,
 }
 
+impl Landmark2 {
+    /// Whether it lies in a picture of this size.
+    fn is_within(&self, [width, height]: [u32; 2]) -> bool {
+        // A pixel reaches half a pixel beyond its centre.
+        let inside = |v: f32, side: u32| v >= -0.5 && f64::from(v) <= f64::from(side) - 0.5;
+        inside(self.x, width) && inside(self.y, height)
+    }
+}
+
 /// The landmarks of one picture, names unique, coordinates finite, in file order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tlms {
@@ -126,6 +135,11 @@ impl Tlms {
         self.visible().map(|l| [f64::from(l.x), f64::from(l.y)]).collect()
     }
 
+    /// Leaves out what lies outside a picture of this size.
+    pub fn keep_within(&mut self, size: [u32; 2]) {
+        self.landmarks.retain(|landmark| landmark.is_within(size));
+    }
+
     /// Checks the visible landmarks against a picture and a model.
     ///
     /// # Errors
@@ -148,11 +162,9 @@ impl Tlms {
                 model_names.join(", ")
             )));
         }
-        // A pixel reaches half a pixel beyond its centre.
-        let inside = |v: f32, side: u32| v >= -0.5 && f64::from(v) <= f64::from(side) - 0.5;
         let outside: Vec<String> = self
             .visible()
-            .filter(|l| !inside(l.x, width) || !inside(l.y, height))
+            .filter(|l| !l.is_within([width, height]))
             .map(|l| format!("`{}` at ({}, {})", l.id, l.x, l.y))
             .collect();
         if !outside.is_empty() {
