@@ -216,7 +216,8 @@ fn meshes_of_other_programs() {
         case("a promise too many", "bad.stl", vast, STL, "4294967295 triangles do not fit"),
         case("cut short", "bad.stl", "solid a\nfacet normal 0 0 1\n", STL, "cut short"),
         case("no colour", "bad.stl", "solid a\n", "inspect bad.stl", "an STL file has no colours"),
-        case("unknown", "bad.fbx", "Kaydara", "inspect bad.fbx", "not a mesh this program reads"),
+        case("named", "bad.fbx", "Kaydara", "inspect bad.fbx", "FBX, which is not read"),
+        case("unknown", "bad.xyz", "1 2 3", "inspect bad.xyz", "not a mesh this program reads"),
     ]);
 }
 

@@ -59,7 +59,7 @@ test('the types hold in a strict project, and licences are packed', { timeout: 1
 
     export async function here(model: Uint8Array, photo: Uint8Array): Promise<TracePoint[]> {
       const onescan = await create();
-      const job = { model: onescan.model(model), photo: onescan.photo(photo) };
+      const job = { model: onescan.model(model), photo: await onescan.photo(photo) };
       const [face]: Face[] = (await onescan.detector()).faces(job.photo);
       const landmarks: Landmarks = face?.landmarks ?? [{ name: 'center.nose.tip', x: 1, y: 2, visible: false }];
       const fit: Fit = onescan.fit({ ...job, landmarks, size: 128 });
@@ -147,7 +147,7 @@ test("a bundler's worker fits as Node does, and one that stopped rejects every c
   const [fingerprint, ...closed] = await page.evaluate(() => window.fit());
 
   const onescan = await create();
-  const photo = onescan.photo(new Uint8Array(readFileSync(join(PHOTOS, 'astronaut.png'))));
+  const photo = await onescan.photo(new Uint8Array(readFileSync(join(PHOTOS, 'astronaut.png'))));
   const [{ landmarks }] = (await onescan.detector()).faces(photo);
   const fit = onescan.fit({ model: onescan.model(bytes), photo, landmarks, size: 128 });
   await fit.run();
