@@ -106,7 +106,10 @@ fn fingerprints(out: &Path) {
             let target = name.replace("fit.rps", "rps").replace('.', "_");
             let seeds = fixtures().join("../fuzz/seeds").join(target);
             fs::create_dir_all(&seeds).unwrap();
-            fs::copy(out.join("shape_alone").join(name), seeds.join(name)).unwrap();
+            let text = fs::read_to_string(out.join("shape_alone").join(name)).unwrap();
+            // The command has the paths that were given, which are this machine's.
+            let here = fixtures().display().to_string();
+            fs::write(seeds.join(name), text.replace(&here, "fixtures")).unwrap();
         }
         return;
     }
