@@ -1,7 +1,8 @@
 //! Small holes closed, by rings from the rim to its middle.
 
-use super::doctor::surface::{Groups, area, bounds, distinct, edges};
+use super::doctor::surface::{self, Groups, area, bounds, distinct, edges};
 use crate::mesh::{Mesh, weld};
+use crate::vector::distance;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::f64::consts::PI;
 
@@ -35,16 +36,11 @@ pub fn fill(mesh: &mut Mesh, longest: Option<f64>) -> usize {
         *areas.entry(groups.find(triangle[0])).or_default() += area(&points, triangle);
     }
     let (low, high) = bounds(&points);
-    let diagonal = (0..3).map(|i| (high[i] - low[i]).powi(2)).sum::<f64>().sqrt();
-    let longest = longest.unwrap_or(LONGEST * diagonal);
-    let apart = |a: u32, b: u32| {
-        let [a, b] = [a, b].map(|v| points[v as usize]);
-        (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
-    };
+    let longest = longest.unwrap_or(LONGEST * distance(low, high));
     let mut filled = 0;
     for rim in rims(&kept) {
         let around = rim.iter().zip(rim.iter().cycle().skip(1));
-        let length: f64 = around.map(|(a, b)| apart(*a, *b)).sum();
+        let length: f64 = around.map(|(a, b)| surface::distance(&points, *a, *b)).sum();
         let disc = length * length / (4.0 * PI);
         let piece = areas.get(&groups.find(rim[0])).copied().unwrap_or_default();
         if length <= longest && disc < HOLE * piece {
@@ -98,11 +94,9 @@ fn close(mesh: &mut Mesh, rim: &[u32]) {
         std::array::from_fn(|i| values.iter().map(|v| v[i]).sum::<f32>() / count as f32)
     };
     let (center, color) = (middle(&places), middle(&colors));
-    let length =
-        |a: [f32; 3], b: [f32; 3]| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f32>().sqrt();
-    let radius = places.iter().map(|p| length(*p, center)).sum::<f32>() / count as f32;
+    let radius = places.iter().map(|p| distance(*p, center)).sum::<f32>() / count as f32;
     let around = places.iter().zip(places.iter().cycle().skip(1));
-    let edge = around.map(|(a, b)| length(*a, *b)).sum::<f32>() / count as f32;
+    let edge = around.map(|(a, b)| distance(*a, *b)).sum::<f32>() / count as f32;
     // Triangles as high as they are wide; more rings than a rim's vertices can need are none.
     let rings = (radius / edge).round().clamp(1.0, count as f32) as usize;
     let mut outer = rim.to_vec();

@@ -3,6 +3,7 @@
 //! The surface stays where it is. An edge is split by its length alone, so that triangles of one edge agree,
 //! even where a texture's seam keeps their corners apart.
 
+use super::doctor::surface::distance;
 use crate::error::{Error, Result};
 use std::collections::HashMap;
 
@@ -126,11 +127,6 @@ pub fn mean_point(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 /// The mean of two values.
 pub fn mean<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
     std::array::from_fn(|i| 0.5 * (a[i] + b[i]))
-}
-
-fn distance(points: &[[f64; 3]], a: u32, b: u32) -> f64 {
-    let [a, b] = [a, b].map(|v| points[v as usize]);
-    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
 }
 
 /// Cuts a triangle at those of its edges that have a middle.
