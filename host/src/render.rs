@@ -47,12 +47,13 @@ pub fn draw_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
     draw_over(model, scene, &background).unwrap_or(background)
 }
 
-/// [`draw_over`] with smooth edges, for people to look at: a pixel is the mean of nine, or in larger
-/// pictures of four or one.
+/// A picture with smooth edges, for people to look at: a pixel is the mean of nine that `draw` makes,
+/// or in larger pictures of four or one. `draw` gets how many lie along each side of a pixel, and the
+/// scene with a camera for so many.
 ///
 /// # Errors
-/// A background of another size.
-pub fn smooth_over(model: &Model<'_>, scene: &Scene, background: &Picture) -> Result<Picture> {
+/// Those of `draw`.
+pub fn smooth(scene: &Scene, draw: impl FnOnce(&Scene, u32) -> Result<Picture>) -> Result<Picture> {
     let [width, height] = scene.view.camera.image_size;
     // Of a picture of four megapixels nine times as many would take gigabytes.
     let fine = match (u64::from(width) * u64::from(height)) >> 19 {
@@ -63,10 +64,18 @@ pub fn smooth_over(model: &Model<'_>, scene: &Scene, background: &Picture) -> Re
     let mut scene = scene.clone();
     scene.view.camera =
         resampled_camera(&scene.view.camera, [width, height].map(|side| fine * side));
-    Ok(draw_over(model, &scene, &background.enlarged(fine))?.resized(width, height))
+    Ok(draw(&scene, fine)?.resized(width, height))
 }
 
-/// [`draw_on`] with smooth edges, as [`smooth_over`].
+/// [`draw_over`] with smooth edges, see [`smooth`].
+///
+/// # Errors
+/// A background of another size.
+pub fn smooth_over(model: &Model<'_>, scene: &Scene, background: &Picture) -> Result<Picture> {
+    smooth(scene, |scene, fine| draw_over(model, scene, &background.enlarged(fine)))
+}
+
+/// [`draw_on`] with smooth edges, see [`smooth`].
 pub fn smooth_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
     let [width, height] = scene.view.camera.image_size;
     let background = Picture::filled(width, height, ground);

@@ -166,7 +166,7 @@ impl Viewer {
         };
         let ground = [r, g, b];
         let drawn = match self.worn() {
-            Some(dress) => texture::show(model, &scene, &dress.skin, ground, 1),
+            Some(dress) => texture::show(model, &scene, &dress.skin, ground),
             None => render::draw_on(model, &scene, ground),
         };
         Pixels(if fine { drawn.resized(shown[0], shown[1]) } else { drawn })

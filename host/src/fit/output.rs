@@ -29,8 +29,6 @@ const SIDE: u32 = 512;
 const SIDES: [f32; 2] = [-0.9, 0.9];
 /// And of the one that shows the mesh in its skin.
 const TURN: f32 = -0.6;
-/// Samples along a side of a pixel of those pictures.
-const SAMPLES: u32 = 2;
 
 /// Colours of landmarks: where they were marked, the same far off, and where the fit has them.
 const MARKED: Rgb = [255, 220, 60];
@@ -343,7 +341,9 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary, skin: &Skin) -> Result<
     scene.view.camera.image_size = crop.scaled_to;
     let sides = SIDES
         .map(|yaw| render::smooth_on(job.model, &turned(job.model, &scene, yaw), render::GROUND));
-    let show = |scene: &Scene| texture::show(job.model, scene, skin, render::GROUND, SAMPLES);
+    let show = |scene: &Scene| {
+        render::smooth(scene, |scene, _| Ok(texture::show(job.model, scene, skin, render::GROUND)))
+    };
     let mut seen = fit.best.scene.clone();
     seen.view.camera = render::resampled_camera(&seen.view.camera, crop.scaled_to);
     let on_photo = render::smooth_over(job.model, &scene, &photo)?;
@@ -356,7 +356,7 @@ fn pictures(job: &Job<'_>, fit: &Fit, summary: &Summary, skin: &Skin) -> Result<
         on_photo,
         alone: render::smooth_on(job.model, &scene, render::GROUND),
         sides: sides.into(),
-        textured: [show(&seen), show(&turned(job.model, &scene, TURN))],
+        textured: [show(&seen)?, show(&turned(job.model, &scene, TURN))?],
         whole: render::smooth_over(job.model, &summary.parameters, job.photo)?,
         photo,
     })

@@ -11,20 +11,15 @@ use onescan_core::scene::Scene;
 
 /// Draws the model in its skin over a plain colour: as the skin has it, or under the scene's light and
 /// colours if it is to be lit. `scene` gives the shape, but not the albedo.
-/// Each pixel has `samples` along each side.
-pub fn show(model: &Model<'_>, scene: &Scene, skin: &Skin, ground: Rgb, samples: u32) -> Picture {
-    let size = scene.view.camera.image_size;
-    let mut scene = scene.clone();
-    let finer = size.map(|side| side * samples);
-    scene.view.camera = render::resampled_camera(&scene.view.camera, finer);
-    let [width, height] = finer;
+pub fn show(model: &Model<'_>, scene: &Scene, skin: &Skin, ground: Rgb) -> Picture {
+    let [width, height] = scene.view.camera.image_size;
     let shader = Shader::new(&scene.view);
     let normals = if skin.lit {
         render::instance(model, &scene.subject.shape, &[]).normals()
     } else {
         Vec::new()
     };
-    let picture = render::visible(model, &scene, |frame| {
+    let picture = render::visible(model, scene, |frame| {
         let (rows, columns) = (frame.rows(), frame.columns());
         Picture::from_fn(width, height, |x, y| {
             if !rows.contains(&(y as usize)) || !columns.contains(&(x as usize)) {
@@ -45,8 +40,7 @@ pub fn show(model: &Model<'_>, scene: &Scene, skin: &Skin, ground: Rgb, samples:
             color.map(|c| (255.0 * c + 0.5) as u8)
         })
     });
-    let picture = picture.unwrap_or_else(|| Picture::filled(width, height, ground));
-    if samples == 1 { picture } else { picture.resized(size[0], size[1]) }
+    picture.unwrap_or_else(|| Picture::filled(width, height, ground))
 }
 
 fn color(skin: &Skin, corners: [u32; 3], weights: [f32; 3]) -> [f32; 3] {
