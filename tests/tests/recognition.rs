@@ -9,6 +9,7 @@ use onescan::model::decompose::Truncation;
 use onescan::model::kernel::Kernels;
 use onescan::model::layout;
 use onescan::model_file::OwnedModel;
+use onescan::photo;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
 use onescan::recognition::fits;
@@ -182,4 +183,45 @@ fn the_experiment_is_a_list_of_jobs() {
     assert_eq!(jobs("--jobs").lines().count(), 84);
     assert_eq!(jobs("--jobs --pictures @rough").lines().count(), 168);
     assert!(!place.path().join("out").exists());
+}
+
+#[test]
+fn photos_stand_beside_what_models_make_of_them() {
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    let photos = "experiment photos -o out --fixtures @ --rank 5 --models ten-scan-pca,scan-03";
+    Onescan::new(place.path(), &format!("{photos} @rough/05_00.jpg @rough/23_45.jpg")).succeed();
+    // A row of photos and a row a model, each with a line of words; two rows a model with masks.
+    let words = 22;
+    for (name, rows) in [("seen.png", 3), ("turned.png", 3), ("masks.png", 5)] {
+        let sheet = photo::read(&at("out").join(name)).unwrap();
+        let captions = 3 * words;
+        assert_eq!([sheet.width, sheet.height], [2 * 256 + 4, rows * 260 - 4 + captions], "{name}");
+    }
+    let sheet = photo::read(&at("out/seen.png")).unwrap();
+    let row = |y: u32| sheet.cropped(0, y * (256 + words + 4), 256, 256);
+    let differing =
+        |a: &Picture, b: &Picture| a.rgb.iter().zip(&b.rgb).filter(|(a, b)| a != b).count();
+    let [photo, one, other] = [0, 1, 2].map(row);
+    // The models cover the face, and not the corners.
+    for model in [&one, &other] {
+        assert!(
+            (10_000..50_000).contains(&differing(model, &photo)),
+            "{}",
+            differing(model, &photo)
+        );
+    }
+    assert!(differing(&one, &other) > 10_000);
+    assert_eq!(one.cropped(0, 0, 30, 30), photo.cropped(0, 0, 30, 30));
+    assert!(fs::read_to_string(at("out/report.html")).unwrap().contains("What is hidden"));
+
+    fs::write(at("blank.png"), Picture::filled(300, 300, [90; 3]).to_png().unwrap()).unwrap();
+    for (bad, says) in [
+        ("blank.png", "blank.png: no face found"),
+        ("nobody", "nobody: No such file"),
+        ("@rough/05_00.jpg --models basel", "no model \"basel\"; there are standard-full"),
+    ] {
+        let run = Onescan::new(place.path(), &format!("{photos} {bad}")).run();
+        assert!(run.code == Some(1) && run.stderr.contains(says), "{}", run.stderr);
+    }
 }

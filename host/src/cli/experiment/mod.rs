@@ -6,6 +6,8 @@ use super::{file_name, output_directory};
 use clap::{Args, Subcommand};
 use onescan::error::{Error, Result};
 use onescan::experiment::objects::animals::{Animal, Kind};
+use onescan::experiment::photos::{self, Subject};
+use onescan::experiment::recognition::models::Named;
 use onescan::experiment::{compactness, decomposition, kernels, objects, registration};
 use onescan::files::write_atomically;
 use onescan::fit::Schedule;
@@ -44,6 +46,7 @@ enum Which {
     /// own model on the other nine). Takes some minutes. Writes report.html, compactness.json and
     /// table.md.
     Compactness(Compactness),
+    Photos(Photos),
     Recognition(recognition::Recognition),
     /// Ten scans registered by shape only, by shape and albedo, and with landmarks.
     ///
@@ -61,6 +64,7 @@ impl Experiment {
             Which::Fish(experiment) => experiment.run(Kind::Fish, console),
             Which::Bird(experiment) => experiment.run(Kind::Bird, console),
             Which::Compactness(experiment) => experiment.run(console),
+            Which::Photos(experiment) => experiment.run(console),
             Which::Recognition(experiment) => experiment.run(console),
             Which::Registration(experiment) => experiment.run(console),
         }
@@ -256,6 +260,60 @@ impl Compactness {
             &result.curves,
         )?;
         put(&self.output, "report.html", page)?;
+        console.say(format_args!("open {}", self.output.join("report.html").display()));
+        Ok(())
+    }
+}
+
+/// Photos, and what each of recognition's models makes of them: in the photo, from the side, and
+/// where the face is hidden.
+///
+/// The paper's figures of reconstructions: its nine models of kernels on the template, the
+/// symmetric-full kernels on each of ten scans, principal components of the ten scans and of 60
+/// people. Landmarks are read from `NAME.tlms` or `NAME.pts` beside a photo, or found. Takes some
+/// five seconds a model and one a fit. Writes report.html, seen.png, turned.png and masks.png.
+///
+/// Example: onescan experiment photos fixtures/photos --models symmetric-full,sixty-people-pca
+#[derive(Args)]
+struct Photos {
+    /// Photos, PNG or JPEG, or directories of them.
+    #[arg(required = true, value_name = "PHOTO")]
+    paths: Vec<PathBuf>,
+    /// Directory to write to.
+    #[arg(short, long, default_value = "out/photos")]
+    output: PathBuf,
+    /// Directory of the fixtures, as in the project's repository.
+    #[arg(long, default_value = "fixtures")]
+    fixtures: PathBuf,
+    /// Only these models, as recognition's table names them, with commas between.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    models: Vec<String>,
+    /// Components of models of kernels.
+    #[arg(long, default_value_t = 199, value_parser = clap::value_parser!(u32).range(1..=200))]
+    rank: u32,
+}
+
+impl Photos {
+    fn run(self, console: Console) -> Result<()> {
+        let names: Vec<&str> = self.models.iter().map(String::as_str).collect();
+        let models = Named::of_names(&names)?;
+        let subjects = photos::photos(&self.paths)?
+            .iter()
+            .map(|(photo, landmarks)| Subject::read(photo, landmarks.as_deref()))
+            .collect::<Result<Vec<_>>>()?;
+        output_directory(&self.output)?;
+        let mut task = console.task("fitting", 1000);
+        let sheets = photos::run(
+            &subjects,
+            &models,
+            (&self.fixtures, self.rank as usize),
+            &mut |done, what| task.report(done, what),
+        )?;
+        task.finish();
+        for (name, picture) in sheets.files() {
+            picture.write_png(&self.output.join(name))?;
+        }
+        put(&self.output, "report.html", sheets.page()?)?;
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }

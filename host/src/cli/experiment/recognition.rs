@@ -147,22 +147,11 @@ impl Recognition {
     }
 
     fn plan(&self) -> Result<Plan> {
-        let mut models = Named::all();
         let wanted: Vec<&str> = match &self.models[..] {
             [] if self.quick => QUICK.to_vec(),
             names => names.iter().map(String::as_str).collect(),
         };
-        if !wanted.is_empty() {
-            let known = |name: &&&str| models.iter().any(|model| model.name == **name);
-            if let Some(other) = wanted.iter().find(|name| !known(name)) {
-                let names: Vec<_> = models.iter().map(|model| &*model.name).collect();
-                return Err(Error::new(format_args!(
-                    "no model {other:?}; there are {}",
-                    names.join(", ")
-                )));
-            }
-            models.retain(|model| wanted.contains(&&*model.name));
-        }
+        let models = Named::of_names(&wanted)?;
         if let Some(directory) = &self.pictures {
             pictures(directory)?;
         }

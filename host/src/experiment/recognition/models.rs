@@ -87,6 +87,25 @@ impl Named {
         all.map(|(name, origin, paper)| Self { name, origin, paper }).collect()
     }
 
+    /// Those of these names, in the order of the table; all if none is named.
+    ///
+    /// # Errors
+    /// A name that no model has.
+    pub fn of_names(names: &[&str]) -> Result<Vec<Self>> {
+        let mut models = Self::all();
+        if let Some(other) = names.iter().find(|name| models.iter().all(|m| m.name != **name)) {
+            let known: Vec<_> = models.iter().map(|model| &*model.name).collect();
+            return Err(Error::new(format_args!(
+                "no model {other:?}; there are {}",
+                known.join(", ")
+            )));
+        }
+        if !names.is_empty() {
+            models.retain(|model| names.contains(&&*model.name));
+        }
+        Ok(models)
+    }
+
     /// Whether it is a component of the mixture.
     pub fn is_of_mixture(&self) -> bool {
         matches!(self.origin, Origin::Scan(_))
