@@ -5,13 +5,14 @@ import { readFileSync, readdirSync, rmSync } from 'node:fs';
 import { createServer } from 'node:http';
 import { fileURLToPath } from 'node:url';
 import { join, relative } from 'node:path';
-import { gunzipSync } from 'node:zlib';
 import { chromium } from 'playwright-core';
 import sirv from 'sirv';
 
 const at = (path) => fileURLToPath(new URL(path, import.meta.url));
 
 export const DIST = at('../dist');
+/** The package of the page's model. */
+export const FACE = at('../face');
 export const PHOTOS = at('../../fixtures/photos');
 /** Two rough pictures of one face, from the front and from a side. */
 export const PAIR = ['05_00.jpg', '05_30.jpg'].map((name) => at(`../../fixtures/rough/${name}`));
@@ -27,7 +28,7 @@ export const run = (...args) => execFileSync(ONESCAN, ['--quiet', ...args], { st
 export const goldenSearch = (name) => /^search (\w+)$/m.exec(golden(name))[1];
 
 /** The page's model. */
-export const model = () => gunzipSync(readFileSync(join(DIST, 'face.3dmm.gz')));
+export const model = () => readFileSync(join(FACE, 'face.3dmm'));
 
 /** The file of a photo's landmarks. */
 export const marks = (photo) => photo.replace(/\.\w+$/, '.tlms');

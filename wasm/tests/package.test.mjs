@@ -11,7 +11,7 @@ import { gzipSync } from 'node:zlib';
 import { validateBytes } from 'gltf-validator';
 import sirv from 'sirv';
 import { build } from 'vite';
-import { DIST, OUT, PAIR, PHOTOS, goldenSearch, marks, model, native, nativePair, open, run } from './common.mjs';
+import { DIST, FACE, OUT, PAIR, PHOTOS, goldenSearch, marks, model, native, nativePair, open, run } from './common.mjs';
 import { create } from '../dist/js/onescan.js';
 
 const bytes = model();
@@ -38,15 +38,17 @@ test('the example of the README runs', { timeout: 120_000 }, async () => {
   }
 });
 
-/** An empty project that has installed the package as npm packs it. */
+/** An empty project that has installed the packages as npm packs them. */
 function project(name) {
   const place = join(OUT, name);
   const modules = join(place, 'node_modules');
   rmSync(place, { recursive: true, force: true });
   mkdirSync(modules, { recursive: true });
-  const [{ filename }] = JSON.parse(execFileSync('npm', ['pack', DIST, '--json'], { cwd: place, encoding: 'utf8' }));
-  execFileSync('tar', ['-xzf', join(place, filename), '-C', modules]);
-  renameSync(join(modules, 'package'), join(modules, 'onescan'));
+  for (const [source, name] of [[DIST, 'onescan'], [FACE, 'onescan-face']]) {
+    const [{ filename }] = JSON.parse(execFileSync('npm', ['pack', source, '--json'], { cwd: place, encoding: 'utf8' }));
+    execFileSync('tar', ['-xzf', join(place, filename), '-C', modules]);
+    renameSync(join(modules, 'package'), join(modules, name));
+  }
   return place;
 }
 
@@ -107,16 +109,16 @@ test("a bundler's worker fits as Node does, and one that stopped rejects every c
   const place = project('bundled');
   const shared = join(place, 'public');
   mkdirSync(shared);
-  copyFileSync(modelFile, join(shared, 'face.3dmm'));
   copyFileSync(join(PHOTOS, 'astronaut.png'), join(shared, 'photo.png'));
   writeFileSync(join(place, 'index.html'), '<!doctype html><title>Bundled</title><script type="module" src="app.js"></script>');
   writeFileSync(join(place, 'app.js'), `
     import { connect } from 'onescan/worker';
+    import face from 'onescan-face/face.3dmm?url';
     const load = async (name) => new Uint8Array(await (await fetch(name)).arrayBuffer());
     const tried = async (call) => call.then(() => 'done', (error) => error.message);
     window.fit = async () => {
       const client = connect();
-      await client.open(await load('face.3dmm'));
+      await client.open(await load(face));
       await client.photo(await load('photo.png'));
       const [{ landmarks }] = await client.faces(0);
       const { fingerprint } = await client.fit({ landmarks, names: { model: 'm', photo: 'p' }, live: false, size: 128 });

@@ -67,7 +67,8 @@ pub(crate) fn check() -> Outcome {
     sh(&mut tests)
 }
 
-/// Everything into wasm/dist: the page, and the npm package it is made of.
+/// Everything into wasm/dist: the page, and the npm package it is made of; and the page's model into
+/// a package of its own, wasm/face.
 fn build() -> Outcome {
     let wasm = root().join("wasm");
     let dist = wasm.join("dist");
@@ -123,7 +124,12 @@ fn build() -> Outcome {
         let (from, to) = (made.join(format!("{name}.js")), dist.join("js/wasm"));
         sh(command(&compiler, plain).arg(from).arg("--outDir").arg(to))?;
     }
-    fs::write(dist.join("face.3dmm.gz"), model()?).map_err(|e| fault(&dist, &e))?;
+    let model = model()?;
+    for (file, bytes) in
+        [(wasm.join("face/face.3dmm"), &model), (dist.join("face.3dmm.gz"), &compressed(&model)?)]
+    {
+        fs::write(&file, bytes).map_err(|e| fault(&file, &e))?;
+    }
     keeper(&wasm, &dist)?;
     println!("the page is in {}", dist.display());
     Ok(())
@@ -215,7 +221,7 @@ impl Program {
     }
 }
 
-/// The page's model, compressed.
+/// The page's model.
 fn model() -> Result<Vec<u8>, String> {
     let place = target().join("page");
     fs::create_dir_all(&place).map_err(|e| fault(&place, &e))?;
@@ -227,7 +233,7 @@ fn model() -> Result<Vec<u8>, String> {
     let scan = "fixtures/face/template.ply";
     onescan(&["build", scan, "--landmarks", "fixtures/face/landmarks.json"], &full)?;
     onescan(&["export", &full.to_string_lossy(), "--page"], &small)?;
-    compressed(&fs::read(&small).map_err(|e| fault(&small, &e))?)
+    fs::read(&small).map_err(|e| fault(&small, &e))
 }
 
 fn compressed(bytes: &[u8]) -> Result<Vec<u8>, String> {
