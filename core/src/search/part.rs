@@ -6,7 +6,7 @@
 use super::evidence::Evidence;
 use super::state::ModeSearch;
 use super::surface::{at, surface_words};
-use crate::basis::{Basis, LANES, padded};
+use crate::basis::{BLOCK, Basis, padded};
 use crate::memory::Carver;
 use crate::model::{Model, Triangles};
 use crate::render::rasterize::Hit;
@@ -124,21 +124,21 @@ fn copy<'m, 'a: 'm>(
     count: usize,
     carver: &mut Carver<'m>,
 ) -> Option<Basis<'m>> {
-    let (rank, blocks, own) = (basis.rank(), basis.mean.len() / 3, padded(count) / LANES);
-    let mean: &mut [[f32; LANES]] = try_cast_slice_mut(carver.words(3 * LANES * own)?).ok()?;
-    let columns: &mut [[i16; LANES]] =
-        try_cast_slice_mut(carver.words(3 * LANES * own * rank / 2)?).ok()?;
-    mean.fill([0.0; LANES]);
-    columns.fill([0; LANES]);
+    let (rank, blocks, own) = (basis.rank(), basis.mean.len() / 3, padded(count) / BLOCK);
+    let mean: &mut [[f32; BLOCK]] = try_cast_slice_mut(carver.words(3 * BLOCK * own)?).ok()?;
+    let columns: &mut [[i16; BLOCK]] =
+        try_cast_slice_mut(carver.words(3 * BLOCK * own * rank / 2)?).ok()?;
+    mean.fill([0.0; BLOCK]);
+    columns.fill([0; BLOCK]);
     for (from, to) in numbers.iter().enumerate().filter(|(_, to)| **to != NONE) {
         let to = *to as usize;
         for axis in 0..3 {
-            let (old, new) = (axis * blocks + from / LANES, axis * own + to / LANES);
-            mean.get_mut(new)?[to % LANES] = basis.mean.get(old)?[from % LANES];
+            let (old, new) = (axis * blocks + from / BLOCK, axis * own + to / BLOCK);
+            mean.get_mut(new)?[to % BLOCK] = basis.mean.get(old)?[from % BLOCK];
             let old = basis.columns.get(old * rank..(old + 1) * rank)?;
             let new = columns.get_mut(new * rank..(new + 1) * rank)?;
             for (new, old) in new.iter_mut().zip(old) {
-                new[to % LANES] = old[from % LANES];
+                new[to % BLOCK] = old[from % BLOCK];
             }
         }
     }

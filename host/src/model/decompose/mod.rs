@@ -9,10 +9,10 @@
 //!
 //! Results are the same at every number of threads.
 
+mod columns;
 mod commuting;
 mod grid;
 mod krylov;
-mod lanes;
 mod near;
 mod operator;
 mod structure;
