@@ -22,7 +22,7 @@ use crate::likelihood::landmarks::{Landmarks, Points};
 use crate::memory::Carver;
 pub use crate::metropolis::Outcome;
 use crate::metropolis::{self, Factors};
-use crate::proposal::{Branch, CENTRES, MAX_LEAVES, Part, Table, Touched};
+use crate::proposal::{Branch, CENTRES, Half, MAX_LEAVES, Table, Touched};
 use crate::rng::Rng;
 use crate::scene::{Scene, Subject};
 pub use config::Config;
@@ -246,9 +246,9 @@ impl<'a, 'w> Chain<'a, 'w> {
         let centres = CENTRES.map(|name| landmarks.iter().position(|l| l.name == name));
         let scene = &progress.state.scene;
         let applies = |branch: &Branch| {
-            let rank = match branch.kind.part() {
-                Some(Part::Shape) => scene.subject.shape.len(),
-                Some(Part::Albedo) => scene.subject.albedo.len(),
+            let rank = match branch.kind.half() {
+                Some(Half::Shape) => scene.subject.shape.len(),
+                Some(Half::Albedo) => scene.subject.albedo.len(),
                 None => 1,
             };
             rank > 0

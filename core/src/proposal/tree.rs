@@ -1,6 +1,6 @@
 //! Mixtures of moves as data, and such a tree multiplied out.
 
-use super::kinds::{Axis, Move, Part};
+use super::kinds::{Axis, Half, Move};
 use crate::rng::Rng;
 
 /// A mixture of moves: a tree whose branches carry weights, normalised within each mixture.
@@ -82,12 +82,12 @@ pub const POSE: Tree = Mixture(&[
 pub const OBJECT_POSE: Tree = Mixture(&[(0.8, TURN), (0.2, TRANSLATION)]);
 
 macro_rules! coefficients {
-    ($name:literal, $part:expr) => {
+    ($name:literal, $half:expr) => {
         Mixture(&[
-            (0.1, Leaf($name, Move::Gaussian { part: $part, sd: 0.2 })),
-            (0.5, Leaf($name, Move::Gaussian { part: $part, sd: 0.1 })),
-            (0.2, Leaf($name, Move::Gaussian { part: $part, sd: 0.025 })),
-            (0.2, Leaf(concat!($name, " caricature"), Move::Caricature { part: $part, sd: 0.2 })),
+            (0.1, Leaf($name, Move::Gaussian { half: $half, sd: 0.2 })),
+            (0.5, Leaf($name, Move::Gaussian { half: $half, sd: 0.1 })),
+            (0.2, Leaf($name, Move::Gaussian { half: $half, sd: 0.025 })),
+            (0.2, Leaf(concat!($name, " caricature"), Move::Caricature { half: $half, sd: 0.2 })),
         ])
     };
 }
@@ -96,10 +96,10 @@ const fn color(gain_sd: f32) -> Tree {
     Leaf("colour", Move::Color { gain_sd, contrast_sd: gain_sd, offset_sd: 1e-4 })
 }
 
-const SHAPE_COEFFICIENTS: Tree = coefficients!("shape", Part::Shape);
+const SHAPE_COEFFICIENTS: Tree = coefficients!("shape", Half::Shape);
 
 const COEFFICIENTS: Tree =
-    Mixture(&[(0.5, SHAPE_COEFFICIENTS), (0.5, coefficients!("albedo", Part::Albedo))]);
+    Mixture(&[(0.5, SHAPE_COEFFICIENTS), (0.5, coefficients!("albedo", Half::Albedo))]);
 
 const COLOR: Tree = Mixture(&[(0.2, color(0.01)), (0.6, color(0.001)), (0.2, color(0.0005))]);
 

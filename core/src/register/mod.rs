@@ -36,7 +36,7 @@ pub use state::{Problem, Registration, words};
 pub struct Iteration {
     /// Index in [`LEVELS`]; `None` while the pose is sought.
     pub level: Option<usize>,
-    /// Part of the vertices that were looked at whose foot is evidence.
+    /// Share of the vertices that were looked at whose foot is evidence.
     pub matched: f32,
     /// Distance of those to the scan before the step, root mean square along normals, mm.
     pub distance: f32,

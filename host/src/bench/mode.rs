@@ -31,7 +31,7 @@ pub struct ModeTime {
     /// Seconds if its operations at the peak, or moving these bytes at the memory's bandwidth,
     /// whichever takes longer, were all there is to do.
     pub roofline_seconds: f64,
-    /// Part of that speed reached.
+    /// Share of that speed reached.
     pub fraction_of_roofline: f64,
 }
 

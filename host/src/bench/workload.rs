@@ -20,7 +20,7 @@ use onescan_core::scene::{Coefficients, Scene, Subject, View};
 const RANK: usize = 60;
 /// Sides of the picture.
 pub(super) const SIZE: [u32; 2] = [256, 256];
-/// Part of the picture the face covers.
+/// Share of the picture the face covers.
 const COVERED: f64 = 0.4;
 /// Of the face, its light, the noise, and the chain.
 pub(super) const SEED: u64 = 7;
@@ -36,7 +36,7 @@ pub struct Workload {
     pub picture: Picture,
     /// Its landmarks, with errors of two pixels.
     pub landmarks: Tlms,
-    /// Part of the picture that the face covers, some 0.4.
+    /// Share of the picture that the face covers, some 0.4.
     pub covered: f64,
 }
 

@@ -119,7 +119,7 @@ pub fn register(
     })
 }
 
-/// Part of the vertices that must have found a place.
+/// Share of the vertices that must have found a place.
 const LEAST: f32 = 0.1;
 
 /// Colours of the scan where vertices' normals meet it, on either side; of those that do not, at the

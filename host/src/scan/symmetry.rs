@@ -64,7 +64,7 @@ const DIRECTIONS: usize = 300;
 /// Of these so many are improved.
 const REFINED: usize = 8;
 const ITERATIONS: usize = 60;
-/// Part of the points whose mirror images may have no counterpart: holes, a fringe.
+/// Share of the points whose mirror images may have no counterpart: holes, a fringe.
 const OUTLIERS: f64 = 0.15;
 
 /// Finds the plane at which the mesh mirrors best: the best of many directions, each improved by
