@@ -28,7 +28,7 @@ use crate::metropolis::{self, Outcome};
 use crate::rng::Rng;
 use crate::scene::{Subject, View};
 use crate::search::unknowns::Layout;
-use crate::search::{Held, ModeSearch, Options, Part, held_words, surface_words};
+use crate::search::{Held, ModeSearch, Options, Part, held_words, instance_words};
 use core::f64::consts::FRAC_PI_2;
 use hamiltonian::{Density, Field, State, Trajectory};
 pub use metric::Metric;
@@ -71,7 +71,7 @@ pub fn words(problem: &Problem<'_>, options: &Options<'_>, places: usize) -> usi
     let (vertices, triangles) = (problem.model.vertices(), problem.model.triangles.len());
     matrix_words(layout.len())
         + held_words(vertices, layout, sizes)
-        + surface_words(vertices, triangles)
+        + instance_words(vertices, triangles)
         + 2 * layout.len() * places
 }
 
@@ -98,8 +98,8 @@ impl<'a, 'w, const OTHERS: usize> Around<'a, 'w, OTHERS> {
         if n > MAX_UNKNOWNS {
             return Err(ChainError::Photos { found: 1 + OTHERS });
         }
-        let surface = part.map_or(0, Part::surface_words);
-        let needed = matrix_words(n) + Held::words(&search) + surface + 2 * n * places;
+        let instance = part.map_or(0, Part::instance_words);
+        let needed = matrix_words(n) + Held::words(&search) + instance + 2 * n * places;
         let error = ChainError::Memory { needed, found: memory.len() };
         let mut carver = Carver::new(memory);
         let factor = carver.floats(matrix_words(n)).ok_or(error)?;

@@ -1,7 +1,7 @@
 //! What all photos of a search share.
 
+use super::instance::Instance;
 use super::priors::{Complexion, Priors, Widths};
-use super::surface::Surface;
 use super::unknowns::Layout;
 use crate::basis::ByVertex;
 use crate::chain::{Dimensions, Photo, Problem};
@@ -81,7 +81,7 @@ pub(super) struct Common<'a, 'w> {
     pub(super) layout: Layout,
     pub(super) subject: Subject,
     /// The subject's, once it has been computed.
-    pub(super) surface: Surface<'w>,
+    pub(super) instance: Instance<'w>,
 }
 
 impl<'a> Common<'a, '_> {

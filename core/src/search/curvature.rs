@@ -3,8 +3,8 @@
 use super::common::{Common, Scratch};
 use super::evidence::Evidence;
 use super::image_term::{SHADE, SHADE_SHARE};
+use super::instance::at;
 use super::shading::{Adjoint, Shading};
-use super::surface::at;
 use super::unknowns::POSE;
 use super::window::Window;
 use crate::basis::Costs;
@@ -189,7 +189,7 @@ impl Evidence<'_, '_> {
         [x, y]: [usize; 2],
         scratch: &mut Scratch<'_>,
     ) -> Option<()> {
-        let Common { problem, surface, layout, .. } = common;
+        let Common { problem, instance, layout, .. } = common;
         let (model, engine) = (problem.model, problem.engine);
         let hit = self.frame.hit(x, y);
         let (corners, point) = hit.and_then(|hit| common.point(shading, &hit))?;
@@ -215,7 +215,7 @@ impl Evidence<'_, '_> {
         let mut pose = [[0.0_f32; POSE]; 3];
         for (i, vertex) in corners.into_iter().enumerate() {
             let w = point.weights[i];
-            let position = xyz(at(surface.positions, vertex));
+            let position = xyz(at(instance.positions, vertex));
             let costs = adjoints.map(|adjoint| scale(adjoint.normal, w));
             let mut moved = [[0.0; 3]; 3];
             for channel in 0..3 {
@@ -231,7 +231,7 @@ impl Evidence<'_, '_> {
                 }
             }
             put(vertex, moved);
-            surface.normal_adjoint(model, vertex, costs, &mut put);
+            instance.normal_adjoint(model, vertex, costs, &mut put);
         }
         let mut colors = [(0, [[0.0; 3]; 3]); 3];
         for (color, (vertex, w)) in colors.iter_mut().zip(corners.into_iter().zip(point.weights)) {

@@ -6,10 +6,10 @@
 //! (`add_gradient`), and of the Gauss–Newton matrix (`add_equations`).
 
 use super::common::{Common, Energy, Options, Scratch};
+use super::instance::at;
 use super::landmarks;
 use super::occlusion;
 use super::picture;
-use super::surface::at;
 use super::unknowns::{LIGHT, Layout, POSE, VIEW};
 use crate::basis::padded;
 use crate::chain::{ChainError, Dimensions, Photo, Problem};
@@ -281,7 +281,7 @@ impl<'a, 'w> Evidence<'a, 'w> {
     /// Rasterizes the subject's surface in the view.
     pub(super) fn render(&mut self, common: &Common<'_, '_>) {
         let Problem { model, engine, .. } = common.problem;
-        (engine.project)(&self.view, common.surface.positions, self.window);
+        (engine.project)(&self.view, common.instance.positions, self.window);
         (engine.rasterize)(model.triangles, self.window, &mut self.frame);
     }
 

@@ -31,10 +31,10 @@
 
 use super::common::Common;
 use super::evidence::{Evidence, Planes};
+use super::instance::at;
 use super::occlusion;
 use super::picture;
 use super::shading::Shading;
-use super::surface::at;
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::pixels::ln_normaliser;
 use crate::math;

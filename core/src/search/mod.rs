@@ -10,7 +10,7 @@
 //!
 //! A step's direction is the derivative of every covered pixel's colour, passed back by reverse
 //! differentiation through shading, normals, projection and basis (`gradient.rs`, `shading.rs`,
-//! `surface.rs`), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
+//! `instance.rs`), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
 //! the pixels, drawn evenly, others at every iteration. Steps that do not lower `E` are not taken,
 //! but damped more. Nothing is random.
 //!
@@ -24,6 +24,7 @@ mod evidence;
 mod gradient;
 mod held;
 mod image_term;
+mod instance;
 mod landmarks;
 mod occlusion;
 mod part;
@@ -31,7 +32,6 @@ mod picture;
 pub mod priors;
 mod shading;
 mod state;
-mod surface;
 pub mod unknowns;
 mod window;
 
@@ -42,9 +42,9 @@ use common::Common;
 pub use common::{Energy, LEVELS, Level, Options};
 pub use evidence::Evidence;
 pub(crate) use held::{Held, held_words};
+pub(crate) use instance::instance_words;
 pub use part::{Part, part_words};
 pub use state::{ModeSearch, words, words_for};
-pub(crate) use surface::surface_words;
 use unknowns::VIEW;
 
 /// Decrease of `E` below which a step counts as none.
@@ -282,7 +282,7 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
                     parts.advance_subject(&mut common.subject);
                 }
                 let Problem { model, engine, .. } = common.problem;
-                common.surface.update(model, engine, &common.subject);
+                common.instance.update(model, engine, &common.subject);
                 for evidence in core::iter::once(&mut *first).chain(&mut *others) {
                     evidence.advance(common.layout, step);
                     evidence.render(common);

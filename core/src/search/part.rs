@@ -4,8 +4,8 @@
 //! other half of a head, say, is left out, and with it half the memory that every instance streams.
 
 use super::evidence::Evidence;
+use super::instance::{at, instance_words};
 use super::state::ModeSearch;
-use super::surface::{at, surface_words};
 use crate::basis::{BLOCK, Basis, padded};
 use crate::memory::Carver;
 use crate::model::{Model, Triangles};
@@ -100,9 +100,9 @@ impl<'m> Part<'m> {
         Some(Self { model, numbers })
     }
 
-    /// Words of memory that its surface needs.
-    pub(crate) fn surface_words(&self) -> usize {
-        surface_words(self.model.vertices(), self.model.triangles.len())
+    /// Words of memory that its instance needs.
+    pub(crate) fn instance_words(&self) -> usize {
+        instance_words(self.model.vertices(), self.model.triangles.len())
     }
 
     /// The part as a model.

@@ -3,8 +3,8 @@
 use super::common::{Common, Energy, Options, Scratch, larger};
 use super::evidence::{Evidence, evidence_words};
 use super::gradient::gradient_words;
+use super::instance::{Instance, instance_words};
 use super::priors::Complexion;
-use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
 use crate::basis::{ByVertex, by_vertex_words};
 use crate::chain::{ChainError, Dimensions, Problem};
@@ -36,7 +36,7 @@ pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
 const fn shared_words(d: &Dimensions, views: usize, pixels: usize, triangles: usize) -> usize {
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank, views };
     let n = layout.len();
-    surface_words(d.vertices, triangles)
+    instance_words(d.vertices, triangles)
         + copies_words(d)
         + passing_words(d.vertices, pixels, n)
         + 5 * n
@@ -112,7 +112,7 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
             others.push(evidence).map_err(full)?;
             pixels = pixels.max(photo.image.pixels.len());
         }
-        let surface = Surface::carve(&mut carver, model).ok_or(error)?;
+        let instance = Instance::carve(&mut carver, model).ok_or(error)?;
         let common = Common {
             problem,
             widths: options.widths,
@@ -120,7 +120,7 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
             level: 0,
             layout,
             subject: Subject::mean(d.shape_rank, d.albedo_rank),
-            surface,
+            instance,
         };
         let mut floats = |count| carver.floats(count).ok_or(error);
         let rows = [floats(n)?, floats(n)?, floats(n)?];
@@ -205,9 +205,9 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
 
     /// Computes and rasterizes the subject's surface in every view.
     pub(super) fn render(&mut self) {
-        let Common { problem: Problem { model, engine, .. }, subject, surface, .. } =
+        let Common { problem: Problem { model, engine, .. }, subject, instance, .. } =
             &mut self.common;
-        surface.update(model, engine, subject);
+        instance.update(model, engine, subject);
         for evidence in core::iter::once(&mut self.first).chain(&mut self.others) {
             evidence.render(&self.common);
         }

@@ -16,7 +16,7 @@ use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
-use onescan_core::likelihood::pixels::{Coverage, Known, Surface, Target};
+use onescan_core::likelihood::pixels::{Coverage, Known, Rasterized, Target};
 use onescan_core::memory::Carver;
 use onescan_core::model::Model;
 use onescan_core::posterior::{self, Sampler};
@@ -323,9 +323,9 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     let hits = (0..PIXELS).filter_map(|pixel| frame.hit(pixel % SIDE, pixel / SIDE));
     let rasterized =
         hash_of(hits.flat_map(|hit| [hit.triangle as f32, hit.weights[0], hit.weights[1]]));
-    let surface = Surface { frame: &frame, triangles: model.triangles, vertices: attributes };
+    let drawn = Rasterized { frame: &frame, triangles: model.triangles, vertices: attributes };
     let shader = Shader::new(&scene.view);
-    let residual = (engine.residual)(&surface, Known::default(), &shader, &target, f64::INFINITY)?;
+    let residual = (engine.residual)(&drawn, Known::default(), &shader, &target, f64::INFINITY)?;
     let shaded = hash_of([residual as f32, (residual - f64::from(residual as f32)) as f32]);
     let coverage: Coverage = (engine.coverage)(&frame, &target);
     let mut likelihood = Fnv64::default();
