@@ -109,11 +109,11 @@ pub struct OnescanSettings {
     pub shape_rank: u32,
     /// Albedo coefficients to infer, at most 200.
     pub albedo_rank: u32,
-    /// Steps of the chain's landmark stage.
+    /// Steps of the chain's landmark phase.
     pub landmark_samples: u32,
-    /// Steps of the shape stage: 0 for faces, 5000 for other objects.
+    /// Steps of the shape phase: 0 for faces, 5000 for other objects.
     pub shape_samples: u32,
-    /// Steps of the image stage.
+    /// Steps of the image phase.
     pub samples: u32,
     /// Standard deviation of a landmark, pixels; the default is for pictures of about 256.
     pub landmark_sd: f32,

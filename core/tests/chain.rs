@@ -2,7 +2,7 @@
 
 mod common;
 
-use onescan_core::chain::{Chain, Checkpoint, Config, Problem, Stage};
+use onescan_core::chain::{Chain, Checkpoint, Config, PhaseName, Problem};
 use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
 use onescan_core::likelihood::landmarks::Observation;
@@ -119,7 +119,7 @@ fn a_checkpoint_that_does_not_fit_is_refused() {
     }));
 }
 
-/// The stage between the pose's and the picture's, of objects.
+/// The phase between the pose's and the picture's, of objects.
 #[test]
 fn the_shape_follows_the_landmarks_before_the_picture() {
     let bytes = common::mask(24, 30, 6, 5);
@@ -139,15 +139,15 @@ fn the_shape_follows_the_landmarks_before_the_picture() {
         let problem = Problem::new(&model, image, &landmarks, &config);
         let mut memory = vec![0; problem.dimensions().words()];
         let mut chain = Chain::new(problem, 5, 0, &mut memory).expect("the problem fits together");
-        let mut stages = Vec::new();
+        let mut phases = Vec::new();
         while let Some(step) = chain.step() {
-            stages.push(step.stage);
+            phases.push(step.phase);
         }
         let (done, all) = chain.progress();
-        assert_eq!((done, u64::from(all)), (stages.len() as u32, config.steps()));
-        let proposed = |stage| chain.tallies(stage).map(|(_, tally)| tally.proposed).sum::<u32>();
-        assert_eq!(Stage::ALL.map(proposed), [600, shape_samples, 10]);
-        assert!(stages.is_sorted_by_key(|stage| Stage::ALL.iter().position(|s| s == stage)));
+        assert_eq!((done, u64::from(all)), (phases.len() as u32, config.steps()));
+        let proposed = |phase| chain.tallies(phase).map(|(_, tally)| tally.proposed).sum::<u32>();
+        assert_eq!(PhaseName::ALL.map(proposed), [600, shape_samples, 10]);
+        assert!(phases.is_sorted_by_key(|phase| PhaseName::ALL.iter().position(|p| p == phase)));
         let initial = chain.checkpoint().initial.clone().expect("the picture was looked at");
         let moved = initial.scene.subject.shape.iter().any(|c| *c != 0.0);
         (moved, chain.quality(&initial.scene).landmark_rmse)

@@ -11,11 +11,11 @@ pub struct Config {
     pub shape_rank: usize,
     /// Albedo coefficients to infer.
     pub albedo_rank: usize,
-    /// Steps of the landmark stage.
+    /// Steps of the landmark phase.
     pub landmark_samples: u32,
-    /// Steps of the shape stage; 0 for faces.
+    /// Steps of the shape phase; 0 for faces.
     pub shape_samples: u32,
-    /// Steps of the image stage.
+    /// Steps of the image phase.
     pub samples: u32,
     /// Standard deviation of a landmark, pixels.
     pub landmark_sd: f32,
@@ -30,7 +30,7 @@ pub struct Config {
     /// Priors on pose, camera and colour.
     pub prior: Prior,
     /// Whether the light is also solved for in closed form, as the paper's chain does. Without that
-    /// move the image stage is a sampler of its target.
+    /// move the image phase is a sampler of its target.
     pub search: bool,
 }
 
@@ -47,10 +47,10 @@ impl Config {
         self
     }
 
-    /// Steps of all stages.
+    /// Steps of all phases.
     pub fn steps(&self) -> u64 {
-        let stages = [self.landmark_samples, self.shape_samples, self.samples];
-        stages.into_iter().map(u64::from).sum()
+        let phases = [self.landmark_samples, self.shape_samples, self.samples];
+        phases.into_iter().map(u64::from).sum()
     }
 }
 

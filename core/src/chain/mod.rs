@@ -1,8 +1,8 @@
 //! The Metropolis–Hastings chain: one step at a time, driven by the caller.
 //!
-//! A fit goes through the phases of its [`Schedule`], as in the paper: of a face, the *landmark* stage
-//! moves the pose alone and looks at the landmarks alone; the *image* stage starts from its best
-//! state, moves everything and looks at the picture. Between them there may be a *shape* stage,
+//! A fit goes through the phases of its [`Schedule`], as in the paper: of a face, the *landmark* phase
+//! moves the pose alone and looks at the landmarks alone; the *image* phase starts from its best
+//! state, moves everything and looks at the picture. Between them there may be a *shape* phase,
 //! which moves pose and shape and looks at the landmarks.
 //!
 //! A proposal passes three tests in turn, each cheaper than the next: landmarks,
@@ -30,15 +30,15 @@ pub use dimensions::Dimensions;
 use pipeline::{Pipeline, Proposed};
 pub use problem::{ChainError, Photo, Problem};
 use schedule::{Begin, IMAGE, MAX_PHASES, Phase};
-pub use schedule::{Schedule, Stage};
+pub use schedule::{PhaseName, Schedule};
 use serde::{Deserialize, Serialize};
 use target::{LnFactors, Mixture, Posterior};
 
 /// One step of the chain.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    /// The stage it belongs to.
-    pub stage: Stage,
+    /// The phase it belongs to.
+    pub phase: PhaseName,
     /// Which leaf of the phase's [`Table`] made the proposal.
     pub branch: usize,
     /// What became of it.
@@ -292,7 +292,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     pub fn step(&mut self) -> Option<Step> {
         let Problem { schedule, config, .. } = self.target.problem;
         let number = usize::from(self.progress.phase);
-        let phase = self.phase()?;
+        let phase = self.current()?;
         let end = (phase.steps)(config);
         if self.progress.step >= end {
             return None;
@@ -309,11 +309,11 @@ impl<'a, 'w> Chain<'a, 'w> {
         if self.progress.step == end && number + 1 < schedule.phases.len() {
             self.enter(schedule.next(number + 1, config));
         }
-        Some(Step { stage: phase.stage, branch, outcome })
+        Some(Step { phase: phase.name, branch, outcome })
     }
 
     /// The current phase.
-    fn phase(&self) -> Option<&'a Phase> {
+    fn current(&self) -> Option<&'a Phase> {
         self.target.problem.schedule.phase(self.progress.phase)
     }
 
@@ -350,7 +350,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     fn enter(&mut self, next: usize) {
         self.progress.phase = next as u8;
         self.progress.step = 0;
-        if self.phase().is_some_and(|phase| phase.begin == Begin::Best) {
+        if self.current().is_some_and(|phase| phase.begin == Begin::Best) {
             self.progress.state.clone_from(&self.progress.best);
         }
         self.progress.state.density = self.evaluate_current();
@@ -374,7 +374,7 @@ impl<'a, 'w> Chain<'a, 'w> {
 
     /// The factors that the current phase looks at.
     fn looked_at(&self) -> Factors {
-        self.phase().map_or(0, |phase| phase.factors)
+        self.current().map_or(0, |phase| phase.factors)
     }
 
     /// What to save to go on later.
@@ -405,17 +405,17 @@ impl<'a, 'w> Chain<'a, 'w> {
         (before.saturating_add(self.progress.step), all)
     }
 
-    /// The stage of the next step.
-    pub fn stage(&self) -> Stage {
-        self.phase().map_or(Stage::Image, |phase| phase.stage)
+    /// The phase of the next step.
+    pub fn phase(&self) -> PhaseName {
+        self.current().map_or(PhaseName::Image, |phase| phase.name)
     }
 
-    /// Acceptance per leaf of a stage; of none, if the schedule has no such stage.
-    pub fn tallies(&self, stage: Stage) -> impl Iterator<Item = (Branch, Tally)> {
+    /// Acceptance per leaf of a phase; of none, if the schedule has no such phase.
+    pub fn tallies(&self, name: PhaseName) -> impl Iterator<Item = (Branch, Tally)> {
         let phases = self.target.problem.schedule.phases.iter().zip(&self.tables);
         let phases = phases.zip(&self.progress.tallies);
-        let of_stage = phases.filter(move |((phase, _), _)| phase.stage == stage);
-        of_stage.flat_map(|((_, table), tallies)| table.branches().zip(tallies.iter().copied()))
+        let of_name = phases.filter(move |((phase, _), _)| phase.name == name);
+        of_name.flat_map(|((_, table), tallies)| table.branches().zip(tallies.iter().copied()))
     }
 
     /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's

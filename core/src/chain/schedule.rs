@@ -8,9 +8,10 @@ use crate::proposal::{
 };
 use serde::{Deserialize, Serialize};
 
-/// The stages of a fit, as reports name them.
+/// The phases of a fit, as reports name them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Stage {
+#[serde(rename_all = "lowercase")]
+pub enum PhaseName {
     /// Pose by landmarks.
     Landmarks,
     /// Pose and shape by landmarks.
@@ -19,7 +20,7 @@ pub enum Stage {
     Image,
 }
 
-impl Stage {
+impl PhaseName {
     /// In order.
     pub const ALL: [Self; 3] = [Self::Landmarks, Self::Shape, Self::Image];
 }
@@ -44,7 +45,7 @@ pub enum Begin {
 #[derive(Clone, Copy, Debug)]
 pub struct Phase {
     /// What reports call it.
-    pub stage: Stage,
+    pub name: PhaseName,
     /// What may be done. Of the tree's moves those apply that the problem has parameters,
     /// landmarks and, [`Factors`] permitting, a picture for.
     pub moves: &'static Tree,
@@ -64,7 +65,7 @@ pub const MAX_PHASES: usize = 3;
 pub struct Schedule {
     /// What it is for.
     pub name: &'static str,
-    /// At least one, at most [`MAX_PHASES`]; their stages differ.
+    /// At least one, at most [`MAX_PHASES`]; their names differ.
     pub phases: &'static [Phase],
 }
 
@@ -118,7 +119,7 @@ impl Schedule {
 }
 
 const LANDMARK_PHASE: Phase = Phase {
-    stage: Stage::Landmarks,
+    name: PhaseName::Landmarks,
     moves: &POSE,
     factors: LANDMARKS | PRIOR,
     steps: |config| config.landmark_samples,
@@ -126,7 +127,7 @@ const LANDMARK_PHASE: Phase = Phase {
 };
 
 const SHAPE_PHASE: Phase = Phase {
-    stage: Stage::Shape,
+    name: PhaseName::Shape,
     moves: &POSE_AND_SHAPE,
     factors: LANDMARKS | PRIOR,
     steps: |config| config.shape_samples,
@@ -134,7 +135,7 @@ const SHAPE_PHASE: Phase = Phase {
 };
 
 const IMAGE_PHASE: Phase = Phase {
-    stage: Stage::Image,
+    name: PhaseName::Image,
     moves: &FACE,
     factors: LANDMARKS | PRIOR | IMAGE,
     steps: |config| config.samples,

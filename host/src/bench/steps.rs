@@ -3,7 +3,7 @@
 use super::workload::{SEED, Workload};
 use crate::error::{Error, Result};
 use onescan_core::basis::{field_len, padded};
-use onescan_core::chain::{self, Chain, Config};
+use onescan_core::chain::{Chain, Config, PhaseName};
 use onescan_core::engine::Engine;
 use onescan_core::model::Triangles;
 use onescan_core::proposal::Touched;
@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::mem::size_of;
 use std::time::{Duration, Instant};
 
-/// Steps of the image stage in one run.
+/// Steps of the image phase in one run.
 const STEPS: u32 = 1500;
 /// Runs of the same chain.
 const REPETITIONS: usize = 2;
@@ -27,7 +27,7 @@ pub fn step_to_image(chain: &mut Chain<'_, '_>) -> bool {
     false
 }
 
-/// Speed of the image stage of a chain on one core.
+/// Speed of the image phase of a chain on one core.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Speed {
     /// Steps per second that compared the picture. The time of the others, turned down by an
@@ -39,7 +39,7 @@ pub struct Speed {
 
 /// The image stage of a chain, timed.
 pub(super) struct Run {
-    /// Seconds of the whole stage.
+    /// Seconds of the whole phase.
     pub(super) seconds: f64,
     /// Steps that compared the picture; of these, how many computed positions, what is visible,
     /// and albedo anew.
@@ -67,11 +67,9 @@ impl Run {
         let mut evaluated = Vec::new();
         for repetition in 0..REPETITIONS {
             let mut chain = Chain::new(problem, SEED, 0, &mut memory).map_err(Error::new)?;
-            while chain.stage() == chain::Stage::Landmarks && chain.step().is_some() {}
-            let touches: Vec<Touched> = chain
-                .tallies(chain::Stage::Image)
-                .map(|(branch, _)| branch.kind.touches())
-                .collect();
+            while chain.phase() == PhaseName::Landmarks && chain.step().is_some() {}
+            let touches: Vec<Touched> =
+                chain.tallies(PhaseName::Image).map(|(branch, _)| branch.kind.touches()).collect();
             evaluated.clear();
             for time in &mut times {
                 let before = chain.checkpoint().image_evaluated;

@@ -138,10 +138,10 @@ const CHAINS: u32 = 4;
 #[derive(Args)]
 #[command(next_help_heading = "With --schedule paper or sampler")]
 struct ChainOptions {
-    /// Steps of the image stage [default: 5000].
+    /// Steps of the image phase [default: 5000].
     #[arg(long)]
     samples: Option<u32>,
-    /// Steps of the landmark stage before it [default: 5000].
+    /// Steps of the landmark phase before it [default: 5000].
     #[arg(long)]
     landmark_samples: Option<u32>,
     /// Steps between them, of pose and shape by the landmarks: for an object whose template is far

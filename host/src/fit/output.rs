@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::files::publish;
 use crate::fit::rps::Rps;
 use crate::fit::summary::{
-    BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summaries, Summary, hex,
+    BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Summaries, Summary, hex,
 };
 use crate::mesh::ply::{self, Encoding};
 use crate::mesh::skin::Skin;
@@ -16,7 +16,6 @@ use crate::photo::picture::{self, Picture, Rgb};
 use crate::photo::tlms::Tlms;
 use crate::render;
 use crate::texture::{self, Shot};
-use onescan_core::chain;
 use onescan_core::model::Model;
 use onescan_core::scene::{Scene, Subject};
 use std::fmt::{Display, Write as _};
@@ -266,11 +265,7 @@ pub fn summarize(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Resul
             .acceptance
             .iter()
             .map(|a| Proposal {
-                stage: match a.stage {
-                    chain::Stage::Landmarks => Stage::Landmarks,
-                    chain::Stage::Shape => Stage::Shape,
-                    chain::Stage::Image => Stage::Image,
-                },
+                phase: a.phase,
                 name: a.name.into(),
                 proposed: a.tally.proposed.into(),
                 accepted: a.tally.accepted.into(),

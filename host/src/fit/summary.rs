@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::files::read_text;
 use crate::json;
 use crate::photo::{Crop, MAX_SIDE};
+use onescan_core::chain::PhaseName;
 use onescan_core::scene::Scene;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -11,7 +12,7 @@ use std::path::Path;
 /// A number before and after the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BeforeAfter {
-    /// Of the state the image stage began with.
+    /// Of the state the image phase began with.
     pub initial: f64,
     /// Of the best state.
     pub best: f64,
@@ -39,23 +40,12 @@ pub struct PhotoUsed {
     pub landmarks: usize,
 }
 
-/// Stage of a fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Stage {
-    /// Pose by landmarks.
-    Landmarks,
-    /// Pose and shape by landmarks.
-    Shape,
-    /// Everything by the picture.
-    Image,
-}
-
 /// How often one kind of proposal was made and accepted, over all chains.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// The stage.
-    pub stage: Stage,
+    /// The phase, which files call stage.
+    #[serde(rename = "stage")]
+    pub phase: PhaseName,
     /// The proposal's name.
     pub name: String,
     /// How often it was made.
@@ -211,16 +201,16 @@ pub struct Summary {
     pub fingerprint: String,
     /// Number of chains; 1 of a search.
     pub chains: u32,
-    /// Steps of the landmark stage, per chain; like the next two 0 of a search.
+    /// Steps of the landmark phase, per chain; like the next two 0 of a search.
     pub landmark_samples: u32,
-    /// Steps of the shape stage, per chain.
+    /// Steps of the shape phase, per chain.
     #[serde(default)]
     pub shape_samples: u32,
-    /// Steps of the image stage, per chain.
+    /// Steps of the image phase, per chain.
     pub samples: u32,
-    /// Steps of all chains and stages, or of the search.
+    /// Steps of all chains and phases, or of the search.
     pub steps: u64,
-    /// Accepted steps of all chains and stages.
+    /// Accepted steps of all chains and phases.
     pub accepted: u64,
     /// Steps per second of one chain.
     pub steps_per_second: f64,
@@ -240,7 +230,7 @@ pub struct Summary {
     /// Acceptance by kind of proposal.
     #[serde(default)]
     pub proposals: Vec<Proposal>,
-    /// The stage's log likelihood by step, thinned; steps count over all stages. Of a search the
+    /// The phase's log likelihood by step, thinned; steps count over all phases. Of a search the
     /// log posterior before and after each step, up to a constant of its level.
     #[serde(default)]
     pub trace: Vec<(u32, f64)>,
@@ -364,8 +354,8 @@ pub(crate) mod tests {
         let crop = Crop::around(&[[300.0, 200.0], [420.0, 330.0]], [800, 600], 2.2, 256).unwrap();
         let mut parameters = Scene::initial(800, 600, 3, 2);
         parameters.subject.shape[1] = -1.25;
-        let proposal = |stage, name: &str, proposed, accepted, search| Proposal {
-            stage,
+        let proposal = |phase, name: &str, proposed, accepted, search| Proposal {
+            phase,
             name: name.into(),
             proposed,
             accepted,
@@ -398,9 +388,9 @@ pub(crate) mod tests {
             }],
             warnings: vec!["the face looks away".into()],
             proposals: vec![
-                proposal(Stage::Landmarks, "yaw", 100, 40, false),
-                proposal(Stage::Image, "shape", 150, 60, false),
-                proposal(Stage::Image, "light", 50, 23, true),
+                proposal(PhaseName::Landmarks, "yaw", 100, 40, false),
+                proposal(PhaseName::Image, "shape", 150, 60, false),
+                proposal(PhaseName::Image, "light", 50, 23, true),
             ],
             trace: vec![
                 (0, -90.5),
