@@ -271,9 +271,9 @@ pub extern "C" fn onescan_default_settings() -> OnescanSettings {
         seed: 7,
         shape_rank: config.shape_rank as u32,
         albedo_rank: config.albedo_rank as u32,
-        landmark_samples: config.landmark_samples,
-        shape_samples: config.shape_samples,
-        samples: config.samples,
+        landmark_samples: config.landmark_steps,
+        shape_samples: config.shape_steps,
+        samples: config.image_steps,
         landmark_sd: config.landmark_sd,
         pixel_sd: config.pixel_sd,
         pixel_patch: config.pixel_patch,
@@ -529,9 +529,9 @@ impl Inputs {
         let config = Config::default().with(|config| {
             config.shape_rank = settings.shape_rank as usize;
             config.albedo_rank = settings.albedo_rank as usize;
-            config.landmark_samples = settings.landmark_samples;
-            config.shape_samples = settings.shape_samples;
-            config.samples = settings.samples;
+            config.landmark_steps = settings.landmark_samples;
+            config.shape_steps = settings.shape_samples;
+            config.image_steps = settings.samples;
             config.landmark_sd = settings.landmark_sd;
             config.pixel_sd = settings.pixel_sd;
             config.pixel_patch = settings.pixel_patch;

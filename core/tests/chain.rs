@@ -52,8 +52,8 @@ fn little_memory_changes_no_bit() {
     let config = Config::default().with(|config| {
         config.shape_rank = 6;
         config.albedo_rank = 5;
-        config.landmark_samples = 300;
-        config.samples = 1500;
+        config.landmark_steps = 300;
+        config.image_steps = 1500;
     });
     let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
     let problem = Problem::new(&model, image, &landmarks, &config);
@@ -87,7 +87,7 @@ fn a_checkpoint_that_does_not_fit_is_refused() {
     let config = |shape_rank, albedo_rank| {
         Config::default().with(|config| {
             (config.shape_rank, config.albedo_rank) = (shape_rank, albedo_rank);
-            (config.landmark_samples, config.samples) = (50, 50);
+            (config.landmark_steps, config.image_steps) = (50, 50);
         })
     };
     let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
@@ -126,13 +126,13 @@ fn the_shape_follows_the_landmarks_before_the_picture() {
     let model = bytes.model();
     let (pixels, truth) = photo(&model);
     let landmarks = landmarks(&model, &truth);
-    let fit = |shape_samples: u32| {
+    let fit = |shape_steps: u32| {
         let config = Config::default().with(|config| {
             config.shape_rank = 6;
             config.albedo_rank = 5;
-            config.landmark_samples = 600;
-            config.shape_samples = shape_samples;
-            config.samples = 10;
+            config.landmark_steps = 600;
+            config.shape_steps = shape_steps;
+            config.image_steps = 10;
             config.landmark_sd = 1.0;
         });
         let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
@@ -146,7 +146,7 @@ fn the_shape_follows_the_landmarks_before_the_picture() {
         let (done, all) = chain.progress();
         assert_eq!((done, u64::from(all)), (phases.len() as u32, config.steps()));
         let proposed = |phase| chain.tallies(phase).map(|(_, tally)| tally.proposed).sum::<u32>();
-        assert_eq!(PhaseName::ALL.map(proposed), [600, shape_samples, 10]);
+        assert_eq!(PhaseName::ALL.map(proposed), [600, shape_steps, 10]);
         assert!(phases.is_sorted_by_key(|phase| PhaseName::ALL.iter().position(|p| p == phase)));
         let initial = chain.checkpoint().initial.clone().expect("the picture was looked at");
         let moved = initial.scene.subject.shape.iter().any(|c| *c != 0.0);

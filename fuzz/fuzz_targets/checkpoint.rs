@@ -19,8 +19,8 @@ const HEADER: usize = 16;
 
 fn config() -> Config {
     Config::default().with(|config| {
-        config.landmark_samples = 20;
-        config.samples = 20;
+        config.landmark_steps = 20;
+        config.image_steps = 20;
         config.shape_rank = 3;
         config.albedo_rank = 3;
     })

@@ -23,7 +23,7 @@ fn stages(criterion: &mut Criterion) {
     }
 
     let config = Config::default().with(|config| {
-        config.samples = u32::MAX;
+        config.image_steps = u32::MAX;
     });
     let (model, landmarks) = (workload.model.view(), workload.observations());
     let problem = workload.problem(&model, &landmarks, &config);

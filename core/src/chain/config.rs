@@ -12,11 +12,11 @@ pub struct Config {
     /// Albedo coefficients to infer.
     pub albedo_rank: usize,
     /// Steps of the landmark phase.
-    pub landmark_samples: u32,
+    pub landmark_steps: u32,
     /// Steps of the shape phase; 0 for faces.
-    pub shape_samples: u32,
+    pub shape_steps: u32,
     /// Steps of the image phase.
-    pub samples: u32,
+    pub image_steps: u32,
     /// Standard deviation of a landmark, pixels.
     pub landmark_sd: f32,
     /// Standard deviation of a pixel's colour channel.
@@ -39,7 +39,7 @@ impl Config {
     ///
     /// ```
     /// # use onescan_core::chain::Config;
-    /// let config = Config::default().with(|config| config.samples = 10_000);
+    /// let config = Config::default().with(|config| config.image_steps = 10_000);
     /// ```
     #[must_use]
     pub fn with(mut self, set: impl FnOnce(&mut Self)) -> Self {
@@ -49,20 +49,20 @@ impl Config {
 
     /// Steps of all phases.
     pub fn steps(&self) -> u64 {
-        let phases = [self.landmark_samples, self.shape_samples, self.samples];
+        let phases = [self.landmark_steps, self.shape_steps, self.image_steps];
         phases.into_iter().map(u64::from).sum()
     }
 }
 
 impl Default for Config {
-    /// The paper's face fit: 50 + 50 coefficients, 5000 + 5000 samples.
+    /// The paper's face fit: 50 + 50 coefficients, 5000 + 5000 steps.
     fn default() -> Self {
         Self {
             shape_rank: 50,
             albedo_rank: 50,
-            landmark_samples: 5000,
-            shape_samples: 0,
-            samples: 5000,
+            landmark_steps: 5000,
+            shape_steps: 0,
+            image_steps: 5000,
             landmark_sd: 4.0,
             pixel_sd: 0.043,
             pixel_patch: 80.0,

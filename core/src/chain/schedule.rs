@@ -122,7 +122,7 @@ const LANDMARK_PHASE: Phase = Phase {
     name: PhaseName::Landmarks,
     moves: &POSE,
     factors: LANDMARKS | PRIOR,
-    steps: |config| config.landmark_samples,
+    steps: |config| config.landmark_steps,
     begin: Begin::Best,
 };
 
@@ -130,7 +130,7 @@ const SHAPE_PHASE: Phase = Phase {
     name: PhaseName::Shape,
     moves: &POSE_AND_SHAPE,
     factors: LANDMARKS | PRIOR,
-    steps: |config| config.shape_samples,
+    steps: |config| config.shape_steps,
     begin: Begin::Best,
 };
 
@@ -138,7 +138,7 @@ const IMAGE_PHASE: Phase = Phase {
     name: PhaseName::Image,
     moves: &FACE,
     factors: LANDMARKS | PRIOR | IMAGE,
-    steps: |config| config.samples,
+    steps: |config| config.image_steps,
     begin: Begin::Best,
 };
 
@@ -148,10 +148,10 @@ mod tests {
 
     #[test]
     fn phases_without_steps_are_skipped_but_for_the_last() {
-        let config = |landmark_samples, shape_samples, samples| Config {
-            landmark_samples,
-            shape_samples,
-            samples,
+        let config = |landmark_steps, shape_steps, image_steps| Config {
+            landmark_steps,
+            shape_steps,
+            image_steps,
             ..Config::default()
         };
         assert_eq!(Schedule::FACE.next(0, &config(0, 0, 9)), 2);

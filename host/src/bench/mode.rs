@@ -91,6 +91,6 @@ impl ModeTime {
 pub fn mode_config(rank: usize) -> Config {
     Config::default().with(|config| {
         (config.shape_rank, config.albedo_rank) = (rank, rank);
-        (config.landmark_samples, config.shape_samples, config.samples) = (0, 0, 0);
+        (config.landmark_steps, config.shape_steps, config.image_steps) = (0, 0, 0);
     })
 }

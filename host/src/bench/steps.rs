@@ -57,7 +57,7 @@ impl Run {
         progress: &mut dyn FnMut(f64),
     ) -> Result<Self> {
         let config = Config::default().with(|config| {
-            config.samples = STEPS;
+            config.image_steps = STEPS;
             config.search = search;
         });
         let (model, landmarks) = (workload.model.view(), workload.observations());

@@ -244,9 +244,9 @@ pub fn summarize(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Resul
         seed: job.seed,
         fingerprint: hex(fit.fingerprint),
         chains: job.chains,
-        landmark_samples: config.landmark_samples,
-        shape_samples: config.shape_samples,
-        samples: config.samples,
+        landmark_steps: config.landmark_steps,
+        shape_steps: config.shape_steps,
+        image_steps: config.image_steps,
         steps: fit.steps,
         accepted: fit.accepted,
         steps_per_second: fit.steps_per_second,
@@ -309,10 +309,10 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     // Nothing in a search is random.
     add("seed", &job.seed, job.schedule != Schedule::Mode);
     add("schedule", &job.schedule, job.schedule != Schedule::default());
-    let (samples, landmark_samples) = (config.samples, config.landmark_samples);
-    add("samples", &samples, samples != base.samples);
-    add("landmark-samples", &landmark_samples, landmark_samples != base.landmark_samples);
-    add("shape-samples", &config.shape_samples, config.shape_samples != base.shape_samples);
+    add("samples", &config.image_steps, config.image_steps != base.image_steps);
+    let landmark_steps = config.landmark_steps;
+    add("landmark-samples", &landmark_steps, landmark_steps != base.landmark_steps);
+    add("shape-samples", &config.shape_steps, config.shape_steps != base.shape_steps);
     add("landmark-sd", &config.landmark_sd, config.landmark_sd != base.landmark_sd);
     add("shape-rank", &config.shape_rank, config.shape_rank != base.shape_rank);
     add("albedo-rank", &config.albedo_rank, config.albedo_rank != base.albedo_rank);

@@ -34,7 +34,7 @@ impl Schedule {
             Self::Mode => {
                 config.shape_rank = model.shape.rank().min(MAX_RANK);
                 config.albedo_rank = model.albedo.rank().min(MAX_RANK);
-                (config.landmark_samples, config.samples) = (0, 0);
+                (config.landmark_steps, config.image_steps) = (0, 0);
             }
             Self::Paper => config.pixel_patch = 1.0,
             Self::Sampler => config.search = false,

@@ -202,12 +202,14 @@ pub struct Summary {
     /// Number of chains; 1 of a search.
     pub chains: u32,
     /// Steps of the landmark phase, per chain; like the next two 0 of a search.
-    pub landmark_samples: u32,
+    #[serde(rename = "landmark_samples")]
+    pub landmark_steps: u32,
     /// Steps of the shape phase, per chain.
-    #[serde(default)]
-    pub shape_samples: u32,
+    #[serde(rename = "shape_samples", default)]
+    pub shape_steps: u32,
     /// Steps of the image phase, per chain.
-    pub samples: u32,
+    #[serde(rename = "samples")]
+    pub image_steps: u32,
     /// Steps of all chains and phases, or of the search.
     pub steps: u64,
     /// Accepted steps of all chains and phases.
@@ -370,9 +372,9 @@ pub(crate) mod tests {
             seed: 7,
             fingerprint: hex(0x0123_4567_89ab_cdef),
             chains: 1,
-            landmark_samples: 100,
-            shape_samples: 0,
-            samples: 200,
+            landmark_steps: 100,
+            shape_steps: 0,
+            image_steps: 200,
             steps: 300,
             accepted: 123,
             steps_per_second: 250.5,

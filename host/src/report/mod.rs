@@ -468,7 +468,7 @@ fn levels(f: &mut impl Write, s: &Summary, mode: &ModeFound) -> fmt::Result {
 /// The likelihood over all phases, a chart for each: their likelihoods measure different things.
 fn traces(f: &mut impl Write, s: &Summary) -> fmt::Result {
     let from = |first: u32| s.trace.partition_point(|&(step, _)| step < first);
-    let [posed, shaped] = [0, s.shape_samples].map(|more| from(s.landmark_samples + more));
+    let [posed, shaped] = [0, s.shape_steps].map(|more| from(s.landmark_steps + more));
     let points = "Log likelihood of the marked points";
     let phases = [
         (&s.trace[..posed], "Landmarks", format!("{points}: finds the pose.")),

@@ -78,8 +78,8 @@ impl Photo {
         let config = Config::default().with(|config| {
             config.shape_rank = self.rank;
             config.albedo_rank = self.rank;
-            config.landmark_samples = 1000;
-            config.samples = 2000;
+            config.landmark_steps = 1000;
+            config.image_steps = 2000;
             config.landmark_sd = 1.0;
             config.pixel_patch = 5.0;
         });

@@ -52,7 +52,7 @@ pub fn config(schedule: Schedule, model: &Model<'_>) -> Config {
     schedule.config(model, SIDE).with(|config| {
         config.landmark_sd = 2.0;
         if schedule != Schedule::Mode {
-            config.shape_samples = 5000;
+            config.shape_steps = 5000;
         }
     })
 }
