@@ -14,7 +14,7 @@ use core::{ptr, slice};
 use onescan_core::chain::{Chain, ChainError, Config, Dimensions, Problem, Schedule};
 use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, Observation};
+use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, ObservedLandmark};
 use onescan_core::model::{Model, ModelError};
 use onescan_core::scene::{MAX_RANK, Scene, Subject, View};
 use onescan_core::search::{LEVELS, ModeSearch, Options, words_for};
@@ -221,7 +221,7 @@ struct Running<I> {
     mark: u64,
     model: Model<'static>,
     config: Config,
-    observations: [Observation<'static>; MAX_LANDMARKS],
+    observed: [ObservedLandmark<'static>; MAX_LANDMARKS],
     inference: Result<I, ChainError>,
 }
 
@@ -515,8 +515,8 @@ impl Inputs {
         if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
             return OnescanStatus::LandmarkCount;
         }
-        let mut observations = [Observation { name: "", position: [0.0; 2] }; MAX_LANDMARKS];
-        for (observation, landmark) in observations.iter_mut().zip(landmarks) {
+        let mut observed = [ObservedLandmark { name: "", position: [0.0; 2] }; MAX_LANDMARKS];
+        for (observed, landmark) in observed.iter_mut().zip(landmarks) {
             if landmark.name.is_null() {
                 return OnescanStatus::Null;
             }
@@ -524,7 +524,7 @@ impl Inputs {
             let Ok(name) = (unsafe { CStr::from_ptr(landmark.name) }).to_str() else {
                 return OnescanStatus::UnknownLandmark;
             };
-            *observation = Observation { name, position: [landmark.x, landmark.y] };
+            *observed = ObservedLandmark { name, position: [landmark.x, landmark.y] };
         }
         let config = Config::default().with(|config| {
             config.shape_rank = settings.shape_rank as usize;
@@ -542,8 +542,8 @@ impl Inputs {
         unsafe {
             (&raw mut (*place).model).write(model);
             (&raw mut (*place).config).write(config);
-            (&raw mut (*place).observations).write(observations);
-            let landmarks = &(&(*place).observations)[..landmarks.len()];
+            (&raw mut (*place).observed).write(observed);
+            let landmarks = &(&(*place).observed)[..landmarks.len()];
             let image = Image { pixels, width, height };
             let problem = Problem::new(&(*place).model, image, landmarks, &(*place).config);
             (&raw mut (*place).inference).write(begin(problem, &settings, memory));

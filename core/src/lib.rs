@@ -21,7 +21,7 @@
 //! ```
 //! use onescan_core::chain::{Config, Problem};
 //! use onescan_core::image::Image;
-//! use onescan_core::likelihood::landmarks::Observation;
+//! use onescan_core::likelihood::landmarks::ObservedLandmark;
 //! use onescan_core::model::Model;
 //! use onescan_core::search::{self, ModeSearch, Options};
 //! # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/device");
@@ -34,7 +34,7 @@
 //! # let marks = std::fs::read_to_string(format!("{folder}/half.tlms")).unwrap();
 //! # let landmarks: Vec<_> = marks.lines().map(|line| {
 //! #     let [name, _, x, y] = line.split(' ').collect::<Vec<_>>()[..] else { panic!("{line}") };
-//! #     Observation { name, position: [x.parse().unwrap(), y.parse().unwrap()] }
+//! #     ObservedLandmark { name, position: [x.parse().unwrap(), y.parse().unwrap()] }
 //! # }).collect();
 //! let model = Model::new_checked(bytes)?;
 //! let image = Image { pixels, width: 32, height: 32 };

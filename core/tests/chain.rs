@@ -5,7 +5,7 @@ mod common;
 use onescan_core::chain::{Chain, Checkpoint, Config, PhaseName, Problem};
 use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
@@ -32,7 +32,7 @@ fn photo(model: &Model<'_>) -> (Vec<[u8; 3]>, Scene) {
 }
 
 /// Where the truth's landmarks are.
-fn landmarks<'m>(model: &Model<'m>, truth: &Scene) -> Vec<Observation<'m>> {
+fn landmarks<'m>(model: &Model<'m>, truth: &Scene) -> Vec<ObservedLandmark<'m>> {
     let mut positions = vec![[0.0; 4]; onescan_core::basis::padded(model.vertices())];
     model.shape.instance(&truth.subject.shape, &mut positions);
     let position = |vertex: u32| {
@@ -40,7 +40,7 @@ fn landmarks<'m>(model: &Model<'m>, truth: &Scene) -> Vec<Observation<'m>> {
         let (u, v, _) = truth.view.camera.project(truth.view.pose.to_world([x, y, z]));
         [u, v]
     };
-    model.landmarks().map(|(name, v)| Observation { name, position: position(v) }).collect()
+    model.landmarks().map(|(name, v)| ObservedLandmark { name, position: position(v) }).collect()
 }
 
 #[test]

@@ -25,7 +25,7 @@ fn stages(criterion: &mut Criterion) {
     let config = Config::default().with(|config| {
         config.image_steps = u32::MAX;
     });
-    let (model, landmarks) = (workload.model.view(), workload.observations());
+    let (model, landmarks) = (workload.model.view(), workload.observed());
     let problem = workload.problem(&model, &landmarks, &config);
     let mut memory = vec![0; problem.dimensions().words()];
     let mut chain = Chain::new(problem, 7, 0, &mut memory).expect("landmarks of the model");
@@ -95,7 +95,7 @@ fn equations(criterion: &mut Criterion) {
 fn mode(criterion: &mut Criterion) {
     let workload = Workload::new(&mut |_| ()).expect("built in");
     let config = mode_config(Config::default().shape_rank);
-    let (model, landmarks) = (workload.model.view(), workload.observations());
+    let (model, landmarks) = (workload.model.view(), workload.observed());
     let problem = workload.problem(&model, &landmarks, &config);
     let mut memory = vec![0; search::words(&problem, &Options::default())];
     let mut group = criterion.benchmark_group("search");

@@ -5,7 +5,7 @@ use super::dimensions::Dimensions;
 use super::schedule::Schedule;
 use crate::engine::Engine;
 use crate::image::Image;
-use crate::likelihood::landmarks::{MAX_LANDMARKS, Observation};
+use crate::likelihood::landmarks::{MAX_LANDMARKS, ObservedLandmark};
 use crate::model::Model;
 use crate::scene::MAX_RANK;
 use core::fmt;
@@ -17,7 +17,7 @@ pub struct Photo<'a> {
     /// The picture.
     pub image: Image<'a>,
     /// Landmarks in the picture, at least one.
-    pub landmarks: &'a [Observation<'a>],
+    pub landmarks: &'a [ObservedLandmark<'a>],
     /// Where the face may be seen, if that is known: 255 of a pixel that may show it, 0 of one that
     /// cannot, in between a part of its weight; row by row, as many as the picture has. A chain
     /// takes all it covers for the face.
@@ -26,7 +26,7 @@ pub struct Photo<'a> {
 
 impl<'a> Photo<'a> {
     /// A photo that may show the face anywhere.
-    pub const fn new(image: Image<'a>, landmarks: &'a [Observation<'a>]) -> Self {
+    pub const fn new(image: Image<'a>, landmarks: &'a [ObservedLandmark<'a>]) -> Self {
         Self { image, landmarks, open: None }
     }
 
@@ -125,7 +125,7 @@ impl<'a> Problem<'a> {
     pub const fn new(
         model: &'a Model<'a>,
         image: Image<'a>,
-        landmarks: &'a [Observation<'a>],
+        landmarks: &'a [ObservedLandmark<'a>],
         config: &'a Config,
     ) -> Self {
         let (schedule, engine) = (&Schedule::FACE, Engine::PORTABLE);

@@ -1,7 +1,7 @@
 //! The course of a fit as data: which moves, judged by what, how often, and from where.
 
 use super::config::Config;
-use crate::likelihood::landmarks::Observation;
+use crate::likelihood::landmarks::ObservedLandmark;
 use crate::metropolis::Factors;
 use crate::proposal::{
     CENTRES, FACE, OBJECT, OBJECT_POSE, OBJECT_POSE_AND_SHAPE, POSE, POSE_AND_SHAPE, Tree,
@@ -95,7 +95,7 @@ impl Schedule {
 
     /// [`Schedule::FACE`] if any of its centres, [`CENTRES`], is among the observed landmarks,
     /// [`Schedule::OBJECT`] otherwise: nothing else tells a face from other things.
-    pub fn of(landmarks: &[Observation<'_>]) -> &'static Self {
+    pub fn of(landmarks: &[ObservedLandmark<'_>]) -> &'static Self {
         let face = landmarks.iter().any(|landmark| CENTRES.contains(&landmark.name));
         if face { &Self::FACE } else { &Self::OBJECT }
     }
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn one_centre_makes_a_face() {
-        let at = |name| Observation { name, position: [0.0; 2] };
+        let at = |name| ObservedLandmark { name, position: [0.0; 2] };
         assert_eq!(Schedule::of(&[at("fin"), at(CENTRES[3])]).name, "face");
         assert_eq!(Schedule::of(&[at("fin")]).name, "object");
     }

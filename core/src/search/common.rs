@@ -15,7 +15,7 @@ pub struct Level {
     /// Standard deviation of a pixel's colour channel, as a multiple of the configuration's.
     pub error: f32,
     /// The most pixels whose rows make a step's metric.
-    pub samples: usize,
+    pub pixels: usize,
     /// The most components that are sought of shape and of albedo each, the leading ones.
     pub components: usize,
     /// The most iterations.
@@ -24,11 +24,11 @@ pub struct Level {
 
 /// The levels of a search, coarse to fine.
 pub const LEVELS: [Level; 5] = [
-    Level { blur: 4.0, error: 2.8, samples: 500, components: 20, iterations: 5 },
-    Level { blur: 2.0, error: 1.86, samples: 500, components: 50, iterations: 5 },
-    Level { blur: 1.0, error: 1.4, samples: 500, components: 100, iterations: 5 },
-    Level { blur: 0.0, error: 1.3, samples: 1500, components: MAX_RANK, iterations: 10 },
-    Level { blur: 0.0, error: 1.0, samples: 1500, components: MAX_RANK, iterations: 30 },
+    Level { blur: 4.0, error: 2.8, pixels: 500, components: 20, iterations: 5 },
+    Level { blur: 2.0, error: 1.86, pixels: 500, components: 50, iterations: 5 },
+    Level { blur: 1.0, error: 1.4, pixels: 500, components: 100, iterations: 5 },
+    Level { blur: 0.0, error: 1.3, pixels: 1500, components: MAX_RANK, iterations: 10 },
+    Level { blur: 0.0, error: 1.0, pixels: 1500, components: MAX_RANK, iterations: 30 },
 ];
 
 /// What a search needs to know besides the problem.

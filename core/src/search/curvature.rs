@@ -140,13 +140,13 @@ impl Evidence<'_, '_> {
     pub(super) fn add_curvature(
         &self,
         common: &Common<'_, '_>,
-        samples: usize,
+        pixels: usize,
         iteration: u32,
         scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
         let width = self.width();
-        let stride = (self.seen.0 as f64 / samples as f64).max(1.0);
+        let stride = (self.seen.0 as f64 / pixels as f64).max(1.0);
         let turn = GOLDEN * f64::from(iteration);
         let mut next = (turn - f64::from(turn as u32)) * stride;
         let weight = common.pixel_weight() * stride as f32;

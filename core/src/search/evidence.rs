@@ -306,12 +306,12 @@ impl<'a, 'w> Evidence<'a, 'w> {
     pub(super) fn add_equations(
         &self,
         common: &Common<'_, '_>,
-        samples: usize,
+        pixels: usize,
         iteration: u32,
         scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
-        self.add_curvature(common, samples, iteration, scratch, system);
+        self.add_curvature(common, pixels, iteration, scratch, system);
         self.add_landmarks_and_priors(common, system);
     }
 

@@ -260,9 +260,9 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
         let n = common.layout.len();
         let (equations, matrix) = passing.split_at_mut_checked(system_words(n))?;
         let mut system = System::new(n, common.problem.engine.normal_equations, equations)?;
-        let samples = common.level().samples;
+        let pixels = common.level().pixels;
         for evidence in core::iter::once(&*first).chain(&*others) {
-            evidence.add_equations(common, samples, self.iterations, scratch, &mut system);
+            evidence.add_equations(common, pixels, self.iterations, scratch, &mut system);
         }
         common.priors().add_of_subject(&common.subject, common.layout, &mut system);
         system.push(gradient);

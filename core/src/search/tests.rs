@@ -12,7 +12,7 @@ use crate::engine::Engine;
 use crate::image::Image;
 use crate::least_squares::{matrix_words, system_words};
 use crate::light::frontal;
-use crate::likelihood::landmarks::Observation;
+use crate::likelihood::landmarks::ObservedLandmark;
 use crate::math;
 use crate::memory::Carver;
 use crate::mesh::vertex_normals;
@@ -108,10 +108,13 @@ impl Case {
         f: impl FnOnce(ModeSearch<'_, '_>) -> T,
     ) -> T {
         let model = model(&self.bytes);
-        let observations: Vec<Observation<'_>> =
-            self.landmarks.iter().map(|&(name, position)| Observation { name, position }).collect();
+        let observed: Vec<ObservedLandmark<'_>> = self
+            .landmarks
+            .iter()
+            .map(|&(name, position)| ObservedLandmark { name, position })
+            .collect();
         let image = Image { pixels: &self.pixels, width: SIDE, height: SIDE };
-        let problem = Problem::new(&model, image, &observations, &self.config)
+        let problem = Problem::new(&model, image, &observed, &self.config)
             .with_engine(Engine::PORTABLE)
             .with_open(self.open.as_deref())
             .with_lean(lean);
@@ -497,7 +500,7 @@ fn where_the_caller_says_it_is_hidden_is_no_face() {
     }
     let model = model(&case.bytes);
     let (name, position) = case.landmarks[0];
-    let observed = [Observation { name, position }];
+    let observed = [ObservedLandmark { name, position }];
     let image = Image { pixels: &case.pixels, width: SIDE, height: SIDE };
     let problem = Problem::new(&model, image, &observed, &case.config).with_open(Some(&open[1..]));
     let mut memory = vec![0; words(&problem, &Options::default())];

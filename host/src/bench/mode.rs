@@ -45,13 +45,13 @@ impl ModeTime {
         bandwidth: f64,
     ) -> Result<Self> {
         let config = mode_config(rank);
-        let (model, landmarks) = (model.view(), workload.observations());
+        let (model, landmarks) = (model.view(), workload.observed());
         let problem = workload.problem(&model, &landmarks, &config);
         let mut memory = vec![0; search::words(&problem, &Options::default())];
         let mut times = Vec::new();
-        let mut samples = 0;
+        let mut pixels = 0;
         for _ in 0..REPETITIONS {
-            samples = 0;
+            pixels = 0;
             let begin = Instant::now();
             let mut search =
                 ModeSearch::new(problem, Options::default(), &mut memory).map_err(Error::new)?;
@@ -59,7 +59,7 @@ impl ModeTime {
             let mut start = Instant::now();
             while let Some(iteration) = search.step() {
                 again.push(start.elapsed());
-                samples += search::LEVELS[iteration.level].samples;
+                pixels += search::LEVELS[iteration.level].pixels;
                 start = Instant::now();
             }
             let known = times.iter().copied().chain(std::iter::repeat(Duration::MAX));
@@ -70,7 +70,7 @@ impl ModeTime {
             (2 * rank + search::unknowns::POSE + search::unknowns::LIGHT + search::unknowns::COLOR)
                 as f64;
         let entries = 2.0 * (rank * field_len(model.vertices())) as f64;
-        let equations = 3.0 * samples as f64 / iterations as f64;
+        let equations = 3.0 * pixels as f64 / iterations as f64;
         let flops = equations * n * n + n * n * n / 3.0 + 4.0 * entries;
         // Half a matrix of 4-byte numbers is read and written four times.
         let bytes = 3.0 * size_of::<i16>() as f64 * entries + 4.0 * 2.0 * 0.5 * 4.0 * n * n;

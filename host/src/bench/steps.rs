@@ -60,7 +60,7 @@ impl Run {
             config.image_steps = STEPS;
             config.search = search;
         });
-        let (model, landmarks) = (workload.model.view(), workload.observations());
+        let (model, landmarks) = (workload.model.view(), workload.observed());
         let problem = workload.problem(&model, &landmarks, &config).with_engine(engine);
         let mut memory = vec![0_u32; problem.dimensions().words()];
         let mut times = vec![Duration::MAX; STEPS as usize];

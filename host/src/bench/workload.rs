@@ -11,7 +11,7 @@ use crate::simd;
 use onescan_core::chain::{Config, Problem};
 use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::{Coefficients, Scene, Subject, View};
@@ -67,16 +67,16 @@ impl Workload {
     }
 
     /// The landmarks in the form a chain takes.
-    pub fn observations(&self) -> Vec<Observation<'_>> {
+    pub fn observed(&self) -> Vec<ObservedLandmark<'_>> {
         let visible = self.landmarks.visible();
-        visible.map(|l| Observation { name: &l.id, position: [l.x, l.y] }).collect()
+        visible.map(|l| ObservedLandmark { name: &l.id, position: [l.x, l.y] }).collect()
     }
 
     /// The fit of `model` (a view of [`Workload::model`]) to the picture.
     pub fn problem<'a>(
         &'a self,
         model: &'a Model<'a>,
-        landmarks: &'a [Observation<'a>],
+        landmarks: &'a [ObservedLandmark<'a>],
         config: &'a Config,
     ) -> Problem<'a> {
         let Picture { width, height, ref rgb } = self.picture;

@@ -9,7 +9,7 @@ use crate::vector::{self, dot, turned};
 use onescan_core::basis::Basis;
 use onescan_core::chain::{Config, Problem};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::scene::{MAX_RANK, View};
 use onescan_core::search::{self, ModeSearch, Options};
@@ -48,7 +48,7 @@ pub struct Explained {
 /// Landmarks the model does not have.
 pub fn explain(
     model: &Model<'_>,
-    landmarks: &[Observation<'_>],
+    landmarks: &[ObservedLandmark<'_>],
     crop: &Crop,
     sd: f32,
 ) -> Result<Explained> {
@@ -106,8 +106,11 @@ fn in_crop(landmarks: &Tlms, crop: &Crop) -> Vec<(String, [f32; 2])> {
     landmarks.visible().map(|l| (l.id.clone(), place(l.x, l.y))).collect()
 }
 
-fn observations(landmarks: &[(String, [f32; 2])]) -> Vec<Observation<'_>> {
-    landmarks.iter().map(|(name, position)| Observation { name, position: *position }).collect()
+fn named(landmarks: &[(String, [f32; 2])]) -> Vec<ObservedLandmark<'_>> {
+    landmarks
+        .iter()
+        .map(|(name, position)| ObservedLandmark { name, position: *position })
+        .collect()
 }
 
 /// Looks whether landmarks in a photo of a size can be a model's.
@@ -129,10 +132,10 @@ pub fn check_sides(
     if !other.iter().all(known) || other == given {
         return Ok(());
     }
-    if explain(model, &observations(&given), &crop, sd)?.facing > 0.0 {
+    if explain(model, &named(&given), &crop, sd)?.facing > 0.0 {
         return Ok(());
     }
-    let other = explain(model, &observations(&other), &crop, sd)?;
+    let other = explain(model, &named(&other), &crop, sd)?;
     if other.facing <= 0.0 || other.energy > GOOD {
         return Ok(());
     }
@@ -166,7 +169,7 @@ pub fn crop_around(
         |landmarks: &Tlms| Crop::around(&landmarks.visible_points(), photo, Crop::ENLARGE, side);
     let crop = around(landmarks)?;
     let observed = in_crop(landmarks, &crop);
-    let found = explain(model, &observations(&observed), &crop, sd)?.view;
+    let found = explain(model, &named(&observed), &crop, sd)?.view;
     let astray = ASTRAY * f64::from(side);
     let near: Vec<&str> = observed
         .iter()

@@ -24,7 +24,7 @@ use onescan_core::chain::{self, Chain, Config, PhaseName, Problem, Quality, Stat
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
 #[cfg(feature = "full")]
@@ -198,7 +198,7 @@ pub struct Observed<'a> {
     /// The pixels.
     pub picture: Picture,
     /// The visible landmarks.
-    pub landmarks: Vec<Observation<'a>>,
+    pub landmarks: Vec<ObservedLandmark<'a>>,
 }
 
 impl<'a> Observed<'a> {
@@ -209,7 +209,7 @@ impl<'a> Observed<'a> {
     pub fn new(photo: &Picture, landmarks: &'a Tlms, crop: &Crop) -> Result<Self> {
         let positions = landmarks.visible().map(|l| {
             let p = crop.to_crop([f64::from(l.x), f64::from(l.y)]);
-            Observation { name: &l.id, position: p.map(|x| x as f32) }
+            ObservedLandmark { name: &l.id, position: p.map(|x| x as f32) }
         });
         Ok(Self { landmarks: positions.collect(), picture: crop.cut(photo)? })
     }

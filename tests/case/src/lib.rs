@@ -15,7 +15,7 @@ use onescan_core::draw::{draw, draw_words};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::likelihood::pixels::{Coverage, Known, Rasterized, Target};
 use onescan_core::memory::Carver;
 use onescan_core::model::Model;
@@ -83,9 +83,9 @@ impl Photo {
             config.landmark_sd = 1.0;
             config.pixel_patch = 5.0;
         });
-        let landmarks: [Observation<'_>; MAX_LANDMARKS] = core::array::from_fn(|i| {
+        let landmarks: [ObservedLandmark<'_>; MAX_LANDMARKS] = core::array::from_fn(|i| {
             let (name, position) = self.landmarks.get(i).copied().unwrap_or_default();
-            Observation { name, position }
+            ObservedLandmark { name, position }
         });
         let side = self.side as u32;
         let image = Image { pixels: self.pixels()?, width: side, height: side };
