@@ -277,7 +277,7 @@ pub extern "C" fn onescan_default_settings() -> OnescanSettings {
         landmark_sd: config.landmark_sd,
         pixel_sd: config.pixel_sd,
         pixel_patch: config.pixel_patch,
-        search: u8::from(config.search),
+        search: u8::from(config.solve_light),
         lean: 0,
         occlusion: 1,
     }
@@ -535,7 +535,7 @@ impl Inputs {
             config.landmark_sd = settings.landmark_sd;
             config.pixel_sd = settings.pixel_sd;
             config.pixel_patch = settings.pixel_patch;
-            config.search = settings.search != 0;
+            config.solve_light = settings.search != 0;
         });
         // SAFETY: `place` is large enough and aligned. Its fields are written before they are
         // borrowed, and stay where they are, as the caller promises.

@@ -189,7 +189,7 @@ fn light_moves_leave_their_target_invariant() {
 
 #[test]
 fn the_whole_face_mixture_without_search_is_a_sampler() {
-    let table = Table::new(&FACE, |branch| !branch.kind.is_search()).unwrap();
+    let table = Table::new(&FACE, |branch| !branch.kind.steers()).unwrap();
     let (worst, _) = drift(&table.branches().collect::<Vec<_>>(), 3_000, 60);
     assert!(worst < 4.5, "drifts by {worst:.1} standard errors");
 }

@@ -31,7 +31,7 @@ pub struct Config {
     pub prior: Prior,
     /// Whether the light is also solved for in closed form, as the paper's chain does. Without that
     /// move the image phase is a sampler of its target.
-    pub search: bool,
+    pub solve_light: bool,
 }
 
 impl Config {
@@ -67,7 +67,7 @@ impl Default for Config {
             pixel_sd: 0.043,
             pixel_patch: 80.0,
             prior: Prior::default(),
-            search: true,
+            solve_light: true,
         }
     }
 }

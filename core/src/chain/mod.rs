@@ -253,14 +253,13 @@ impl<'a, 'w> Chain<'a, 'w> {
             };
             rank > 0
                 && branch.centre.is_none_or(|c| centres.get(c).is_some_and(Option::is_some))
-                && (config.search || !branch.kind.is_search())
+                && (config.solve_light || !branch.kind.steers())
         };
         let mut tables = heapless::Vec::new();
         for phase in problem.schedule.phases {
-            // What searches looks at the picture.
+            // What steers looks at the picture.
             let may_look = phase.factors & IMAGE != 0;
-            let applies =
-                |branch: &Branch| applies(branch) && (may_look || !branch.kind.is_search());
+            let applies = |branch: &Branch| applies(branch) && (may_look || !branch.kind.steers());
             let table = Table::new(phase.moves, applies).ok_or(ChainError::Schedule)?;
             tables.push(table).map_err(|_| ChainError::Schedule)?;
         }

@@ -98,7 +98,7 @@ pub enum Move {
         /// Per channel.
         sd: f32,
     },
-    /// Solves for the light that explains the picture best. A search move.
+    /// Solves for the light that explains the picture best. It steers.
     SolveLight {
         /// Visible surface points to use.
         points: u32,
@@ -106,9 +106,9 @@ pub enum Move {
 }
 
 impl Move {
-    /// Whether the move optimises: it finds good states quickly, but it is not reversible and a
+    /// Whether the move steers towards good states: it finds them quickly, but it is not reversible and a
     /// chain that uses it is no sampler.
-    pub fn is_search(&self) -> bool {
+    pub fn steers(&self) -> bool {
         matches!(self, Self::SolveLight { .. })
     }
 

@@ -3,7 +3,7 @@
 //! A move changes the scene in place and returns
 //! `log [q(x' → x)·|J| / q(x → x')]`, the factor by which Metropolis–Hastings must correct the
 //! ratio of targets; for moves that scale several parameters together it is the Jacobian of the
-//! scaling. With these the chain without [search moves](Move::is_search) leaves its target
+//! scaling. With these the chain without [moves that steer](Move::steers) leaves its target
 //! invariant. (The reference engine treats every move as symmetric.)
 
 // Every move has the same signature, also those that cannot fail.

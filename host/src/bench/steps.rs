@@ -58,7 +58,7 @@ impl Run {
     ) -> Result<Self> {
         let config = Config::default().with(|config| {
             config.image_steps = STEPS;
-            config.search = search;
+            config.solve_light = search;
         });
         let (model, landmarks) = (workload.model.view(), workload.observed());
         let problem = workload.problem(&model, &landmarks, &config).with_engine(engine);

@@ -73,8 +73,8 @@ pub struct Acceptance {
     pub phase: PhaseName,
     /// The proposal's name.
     pub name: &'static str,
-    /// Whether it is a search move.
-    pub search: bool,
+    /// Whether it steers, see [`Move::steers`](onescan_core::proposal::Move::steers).
+    pub steers: bool,
     /// How often.
     pub tally: Tally,
 }
@@ -339,7 +339,7 @@ fn acceptance(chain: &Chain<'_, '_>) -> Vec<Acceptance> {
         for (Branch { name, kind, .. }, tally) in chain.tallies(phase) {
             let index = *by_name.entry(name).or_insert_with(|| {
                 let tally = Tally::default();
-                all.push(Acceptance { phase, name, search: kind.is_search(), tally });
+                all.push(Acceptance { phase, name, steers: kind.steers(), tally });
                 all.len() - 1
             });
             let sum: &mut Tally = &mut all[index].tally;

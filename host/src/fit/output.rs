@@ -269,7 +269,7 @@ pub fn summarize(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Resul
                 name: a.name.into(),
                 proposed: a.tally.proposed.into(),
                 accepted: a.tally.accepted.into(),
-                search: a.search,
+                steers: a.steers,
             })
             .collect(),
         trace: fit.trace.clone(),

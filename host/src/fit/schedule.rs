@@ -37,7 +37,7 @@ impl Schedule {
                 (config.landmark_steps, config.image_steps) = (0, 0);
             }
             Self::Paper => config.pixel_patch = 1.0,
-            Self::Sampler => config.search = false,
+            Self::Sampler => config.solve_light = false,
         })
     }
 }

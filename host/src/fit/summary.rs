@@ -52,8 +52,9 @@ pub struct Proposal {
     pub proposed: u64,
     /// How often it was accepted.
     pub accepted: u64,
-    /// Whether it is a search move, which steers the chain without the balance a sampler needs.
-    pub search: bool,
+    /// Whether it steers the chain without the balance a sampler needs, which files call search.
+    #[serde(rename = "search")]
+    pub steers: bool,
 }
 
 /// How a search for the mode ended.
@@ -356,12 +357,12 @@ pub(crate) mod tests {
         let crop = Crop::around(&[[300.0, 200.0], [420.0, 330.0]], [800, 600], 2.2, 256).unwrap();
         let mut parameters = Scene::initial(800, 600, 3, 2);
         parameters.subject.shape[1] = -1.25;
-        let proposal = |phase, name: &str, proposed, accepted, search| Proposal {
+        let proposal = |phase, name: &str, proposed, accepted, steers| Proposal {
             phase,
             name: name.into(),
             proposed,
             accepted,
-            search,
+            steers,
         };
         Summary {
             onescan: "0.1.0".into(),

@@ -528,7 +528,7 @@ fn moves(f: &mut impl Write, proposals: &[Proposal]) -> fmt::Result {
         writeln!(f, "<div><p class=\"note\"><b>{title}</b></p>\n<table class=\"moves\">")?;
         for p in proposals.iter().filter(|p| p.phase == phase) {
             let share = p.accepted as f64 / p.proposed.max(1) as f64;
-            let mark = if p.search { "<span class=\"search\">search</span>" } else { "" };
+            let mark = if p.steers { "<span class=\"steers\">steers</span>" } else { "" };
             writeln!(
                 f,
                 "<tr><th scope=\"row\">{}{mark}</th>\
@@ -544,9 +544,9 @@ fn moves(f: &mut impl Write, proposals: &[Proposal]) -> fmt::Result {
         f.write_str("</table></div>\n")?;
     }
     f.write_str("</div>\n")?;
-    if proposals.iter().any(|p| p.search) {
+    if proposals.iter().any(|p| p.steers) {
         f.write_str(
-            "<p class=\"note\"><b>search</b> marks moves that steer towards the picture instead of \
+            "<p class=\"note\"><b>steers</b> marks moves that go towards what explains the picture instead of \
              wandering blindly. They find the best fit sooner, but a chain that uses them does not \
              sample the posterior.</p>\n",
         )?;
