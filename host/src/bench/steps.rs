@@ -37,7 +37,7 @@ pub struct Speed {
     pub all_steps_per_second: f64,
 }
 
-/// The image stage of a chain, timed.
+/// The image phase of a chain, timed.
 pub(super) struct Run {
     /// Seconds of the whole phase.
     pub(super) seconds: f64,
@@ -53,12 +53,12 @@ impl Run {
     pub(super) fn new(
         workload: &Workload,
         engine: &Engine,
-        search: bool,
+        solve_light: bool,
         progress: &mut dyn FnMut(f64),
     ) -> Result<Self> {
         let config = Config::default().with(|config| {
             config.image_steps = STEPS;
-            config.solve_light = search;
+            config.solve_light = solve_light;
         });
         let (model, landmarks) = (workload.model.view(), workload.observed());
         let problem = workload.problem(&model, &landmarks, &config).with_engine(engine);
