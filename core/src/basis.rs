@@ -14,7 +14,7 @@ use crate::lanes::LANES;
 use crate::memory::Carver;
 use crate::scene::MAX_RANK;
 
-/// Field entries per block of the basis.
+/// Field entries per block of the basis, as the file format has it: a cache line of 64 bytes.
 pub const BLOCK: usize = 32;
 
 /// Length of one plane of a field: `vertices` rounded up to whole blocks.

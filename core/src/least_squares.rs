@@ -3,9 +3,10 @@
 use crate::lanes::LANES;
 use crate::math;
 
-/// Equations come in batches, and rows of `U` in panels, of multiples of these.
+/// Equations come in batches, and rows of `U` in panels, of multiples of these, so that tiles
+/// are whole.
 const PANEL: usize = 8;
-/// The most equations that are added together.
+/// The most equations that are added together. Chosen, not measured.
 const MAX_BATCH: usize = 64;
 
 /// Equations that are added together, so that the matrix is read and written once for all of them:

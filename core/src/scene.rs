@@ -11,7 +11,8 @@ use crate::light::{self, Light};
 use crate::math;
 use serde::{Deserialize, Serialize};
 
-/// The largest number of shape or of albedo coefficients a [`Scene`] carries.
+/// The largest number of shape or of albedo coefficients a [`Scene`] carries: room for the 199 that
+/// published face models have.
 pub const MAX_RANK: usize = 200;
 
 /// Coefficients of one half of the model (shape or albedo), in standard deviations:

@@ -55,7 +55,8 @@ impl Config {
 }
 
 impl Default for Config {
-    /// The paper's face fit: 50 + 50 coefficients, 5000 + 5000 steps.
+    /// The paper's face fit: 50 + 50 coefficients, 5000 + 5000 steps, its standard deviations. The patch is
+    /// ours (docs/accuracy.md).
     fn default() -> Self {
         Self {
             shape_rank: 50,

@@ -6,7 +6,7 @@ use crate::memory::Carver;
 use crate::model::Model;
 use crate::scene::{Scene, View};
 
-/// The most landmarks an observation may have.
+/// The most landmarks of a photo: room for the template's 42 and some more.
 pub const MAX_LANDMARKS: usize = 64;
 
 /// Model-frame positions of the observed landmarks, mm.

@@ -15,12 +15,14 @@ use super::metric::Metric;
 use crate::engine::Engine;
 use crate::least_squares::{System, matrix_words, row_words, system_words};
 
-/// How many places' worth the metric there is has, for each of its unknowns.
+/// How many places the metric so far is worth, per unknown. Chosen, not measured.
 const PRIOR: f32 = 2.0;
-/// What is left of it in the end: the least of these by which the rest is positive definite.
+/// The share of the metric so far that is kept: the least of these with which the sum is positive definite.
+/// Chosen, not measured.
 const LEFT: [f32; 5] = [0.1, 0.2, 0.4, 0.6, 0.8];
 
-/// The largest variance along a direction that places are believed.
+/// The largest variance along a direction that places are believed. Turns of the head are twice as wide as
+/// forces say (docs/posterior.md).
 const WIDER: f32 = 4.0;
 
 /// Words of memory that [`improve`] and [`widen`] need for so many unknowns.

@@ -1,4 +1,5 @@
-//! Mixtures of moves as data, and such a tree multiplied out.
+//! Mixtures of moves as data, and such a tree multiplied out. Widths and weights are those of the paper's
+//! released program, unless said otherwise.
 
 use super::kinds::{Axis, Half, Move};
 use crate::rng::Rng;
@@ -35,7 +36,7 @@ macro_rules! rotations {
     };
 }
 
-/// Rotation, distance and scaling, in the widths of the paper's released program.
+/// Rotation, distance and scaling.
 const TURN: Tree = Mixture(&[
     (
         1.0,
@@ -117,20 +118,20 @@ const LIGHT: Tree = Mixture(&[
     (1.0, Leaf("light solve", Move::SolveLight { points: 100 })),
 ]);
 
-/// Moves of pose and shape.
+/// Moves of pose and shape, in the proportion that [`FACE`] has.
 pub const POSE_AND_SHAPE: Tree = Mixture(&[(1.0, POSE), (3.0, SHAPE_COEFFICIENTS)]);
 
 /// [`POSE_AND_SHAPE`] of an object.
 pub const OBJECT_POSE_AND_SHAPE: Tree = Mixture(&[(1.0, OBJECT_POSE), (3.0, SHAPE_COEFFICIENTS)]);
 
-/// All moves of a face fit, in the proportions of the paper's released program.
+/// All moves of a face fit.
 pub const FACE: Tree = Mixture(&[(1.0, POSE), (1.0, COLOR), (3.0, COEFFICIENTS), (2.0, LIGHT)]);
 
 /// All moves of the fit of an object. (The reference engine does not solve for its light.)
 pub const OBJECT: Tree =
     Mixture(&[(1.0, OBJECT_POSE), (1.0, COLOR), (3.0, COEFFICIENTS), (2.0, LIGHT)]);
 
-/// The most leaves a [`Table`] holds.
+/// The most leaves a [`Table`] holds; [`FACE`] has 80.
 pub const MAX_LEAVES: usize = 88;
 
 /// A leaf of the tree with its probability.

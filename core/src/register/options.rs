@@ -13,7 +13,7 @@ pub struct Level {
     pub iterations: u32,
 }
 
-/// The levels, coarse to fine.
+/// The levels, coarse to fine, as they were found in a prototype (docs/registration.md).
 pub const LEVELS: [Level; 4] = [
     Level { blur: 6.0, components: 50, trust: 6.0, iterations: 4 },
     Level { blur: 3.0, components: 100, trust: 4.0, iterations: 4 },

@@ -8,7 +8,7 @@ use core::fmt;
 
 /// Variance that colours are blurred by at a time, mm²; about half the square of an edge.
 const BLUR_STEP: f32 = 0.5;
-/// Passes after which distances to the rim are taken as they are.
+/// Passes after which distances to the rim are taken as they are. Chosen, not measured.
 const RIM_PASSES: usize = 32;
 
 /// Why there is nothing to register.

@@ -17,7 +17,8 @@ use crate::vector::{Vec3, cross, dot, scale, sub, xyz};
 pub(super) const TINT: usize = 6;
 /// Mean area of a vertex of the mesh that standard deviations and patches were chosen on, mm².
 const VERTEX_AREA: f32 = 4.0;
-/// Distances to a border are measured up to here, mm.
+/// Distances to a border are measured up to here, mm: none wider was tried
+/// (docs/registration.md).
 const RIM: f32 = 6.0;
 
 /// What is registered.

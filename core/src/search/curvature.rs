@@ -13,13 +13,14 @@ use crate::math;
 use crate::vector::{Vec3, add, apply, cross, scale, xyz};
 use core::array::from_fn;
 
-/// Of successive iterations' first pixels: by this share of the way to the next, no two are alike
-/// and all are as far apart as can be.
+/// Each iteration's first pixel is this share of a stride behind the last one's: by the golden ratio no two
+/// are alike, and all are as far apart as can be.
 const GOLDEN: f64 = 0.618_033_988_749_895;
-/// Vertices whose positions a pixel's colour may depend on.
+/// Vertices whose positions a pixel's colour may depend on: of more, as of a fan's hub, the rest is left out.
 const MAX_AROUND: usize = 40;
 
-/// Columns and rows of what a pixel's shade is told by, pixels; less than its Gaussian is wide.
+/// Pixels between the columns and rows of points that tell a pixel's shade: less than the standard deviation
+/// of its Gaussian.
 const APART: usize = 4;
 /// How many of them a pixel reaches, along both axes: three standard deviations.
 const REACHED: usize = 7;

@@ -23,7 +23,7 @@ use crate::scene::View;
 use crate::vector::Vec3;
 use core::f32::consts::{FRAC_PI_2, PI};
 
-/// Iterations on the landmarks alone, for the pose.
+/// Iterations on the landmarks alone, for the pose, at most. Chosen, not measured.
 const POSE_ITERATIONS: u32 = 40;
 /// Rolls to begin with, radians.
 const WAYS_UP: [f32; 4] = [0.0, FRAC_PI_2, PI, -FRAC_PI_2];

@@ -12,7 +12,7 @@ use crate::math;
 use crate::scene::{Subject, View};
 use crate::vector::dot;
 
-/// Degrees of freedom ν.
+/// Degrees of freedom ν. Chosen, not measured.
 const LANDMARK_FREEDOM: f64 = 8.0;
 
 /// Negative log density of the landmarks, up to a constant; `sd` is in pixels.

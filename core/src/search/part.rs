@@ -12,9 +12,10 @@ use crate::model::{Model, Triangles};
 use crate::render::rasterize::Hit;
 use bytemuck::try_cast_slice_mut;
 
-/// What a pixel counts at least, or it does not.
+/// What a pixel counts at least, or it is left out. Chosen, not measured.
 pub(super) const HARDLY: f32 = 0.01;
-/// Columns and rows of a block of pixels that one point of the surface stands for.
+/// Columns and rows of a block of pixels that one point of the surface stands for (docs/posterior.md, "What
+/// is sampled").
 pub(super) const APART: usize = 3;
 /// Number of a triangle or vertex that is left out.
 const NONE: u32 = u32::MAX;

@@ -33,7 +33,8 @@ pub struct Widths {
 }
 
 impl Default for Widths {
-    /// A face lit by about white light, more or less from the front.
+    /// A face lit by about white light, more or less from the front. Level, shape and albedo were measured
+    /// (docs/accuracy.md, "What is minimised", "Shape's prior, and albedo's again"); the rest was chosen.
     fn default() -> Self {
         Self {
             level: 0.1,
