@@ -165,6 +165,7 @@ pub fn synthetic_photo(
     landmarks: &[&str],
     rng: &mut Rng,
 ) -> Result<(Picture, Tlms)> {
+    // Pixels: about how far those that are set by hand are off (docs/landmarks.md).
     const LANDMARK_ERROR: f32 = 2.0;
     let [width, height] = scene.view.camera.image_size;
     let phase: [f32; 3] = std::array::from_fn(|_| rng.uniform() as f32 * 6.0);

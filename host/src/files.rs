@@ -46,7 +46,8 @@ pub fn listed(places: &[PathBuf], among: &[&str], none: &str) -> Result<Vec<Path
     Ok(paths)
 }
 
-/// Most bytes that are read of what is no file, whose length is not known before: a pipe, a device.
+/// Most bytes that are read of what is no file, whose length is not known before: a pipe, a device. Chosen,
+/// not measured.
 const MOST_STREAMED: u64 = 1 << 30;
 
 /// Reads a file, or what a pipe or a device gives.

@@ -131,7 +131,7 @@ pub(super) struct Fit {
     chain: ChainOptions,
 }
 
-/// Chains of a posterior, if nothing is said.
+/// Chains of a posterior, if nothing is said: as in docs/posterior.md.
 const CHAINS: u32 = 4;
 
 /// What only a chain has use for.

@@ -20,7 +20,8 @@ use std::f32::consts::{FRAC_PI_2, PI};
 #[cfg(feature = "full")]
 use std::{path::Path, sync::LazyLock};
 
-/// Parts of a photo of fewer pixels across are not searched: their faces are too small to fit.
+/// Parts of a photo of fewer pixels across are not searched: their faces are too small to fit. Chosen, not
+/// measured.
 const SMALLEST_PART: f32 = 192.0;
 
 /// Finds faces and their landmarks.

@@ -6,9 +6,9 @@
 /// What is wrong with a network.
 type Fault = &'static str;
 
-/// Output channels that are summed side by side.
+/// Output channels that are summed side by side. Chosen, not measured.
 const CHANNELS: usize = 8;
-/// Output columns that are summed side by side.
+/// Output columns that are summed side by side. Chosen, not measured.
 const COLUMNS: usize = 4;
 /// The most numbers a tensor may have.
 const MOST: usize = 1 << 24;

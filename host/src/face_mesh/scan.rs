@@ -14,7 +14,7 @@ use std::f32::consts::FRAC_PI_2;
 
 /// Behind the scan: faces are found as well before white, but less surely.
 const GROUND: [u8; 3] = [128; 3];
-/// Side of the pictures, pixels.
+/// Side of the pictures, pixels. Chosen, not measured.
 const SIDE: u32 = 512;
 /// Yaw and pitch of the first looks: from all six sides, as it is not known which one the face looks to.
 const SIDES: [[f32; 2]; 6] = [
@@ -25,9 +25,10 @@ const SIDES: [[f32; 2]; 6] = [
     [-FRAC_PI_2, 0.0],
     [2.0 * FRAC_PI_2, 0.0],
 ];
-/// Yaw of the second looks, of a face whose place is known.
+/// Yaw of the second looks, of a face whose place is known. Chosen, not measured.
 const TURNS: [f32; 3] = [-0.3, 0.0, 0.3];
 /// What the second looks show about the face's middle, as a multiple of the distance from eyes to mouth.
+/// Chosen, not measured.
 const AROUND: f32 = 2.0;
 
 /// A landmark on a scan.

@@ -14,7 +14,7 @@ use onescan_core::model::Model;
 use onescan_core::scene::{MAX_RANK, View};
 use onescan_core::search::{self, ModeSearch, Options};
 
-/// A landmark farther from its fitted place than this many standard deviations is named.
+/// A landmark farther from its fitted place than this many standard deviations is named. Chosen, not measured.
 const FAR: f64 = 4.0;
 /// One farther than this from where all landmarks put the mean has no say in what is looked at,
 /// as a part of the crop's longer side: a quarter of what the landmarks of a face span in it.
@@ -22,9 +22,10 @@ const ASTRAY: f64 = 30.0 / 256.0;
 /// Energy of landmarks that the mean explains: most faces' have below 1, with a wrong one among a
 /// dozen below 3.
 const GOOD: f64 = 4.0;
-/// Yaw beyond which half of a face is guessed, degrees.
+/// Yaw beyond which half of a face is guessed, degrees. Chosen, not measured.
 const AWAY: f32 = 60.0;
-/// Pixels of the photo that a face needs, and the share of them that nothing hides.
+/// Pixels of the photo that a face needs, and the share of them that nothing hides. Chosen, not measured, as
+/// are the next.
 const ENOUGH_PIXELS: f64 = 900.0;
 const ENOUGH_SEEN: f64 = 0.3;
 /// Standard deviation of the brightness that a face has at least, `[0, 1]`; a wall has less.

@@ -37,7 +37,7 @@ pub(crate) use {
     parallel::{EVERY, OF_ANOTHER, find_mode_and},
 };
 
-/// Points of a likelihood trace.
+/// Points of a likelihood trace. Chosen, not measured.
 const TRACE_POINTS: u32 = 400;
 
 /// What is to be fitted.

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, HashSet};
 #[cfg(feature = "full")]
 use std::path::Path;
 
-/// How far a landmark given by coordinates may lie from the nearest vertex, millimetres.
+/// How far a landmark given by coordinates may lie from the nearest vertex, millimetres. Chosen, not measured.
 pub const MAX_DISTANCE: f32 = 5.0;
 
 /// A named vertex.

@@ -57,7 +57,7 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     (length > 0.0).then(|| v.map(|x| (x / length) as f32))
 }
 
-/// How far beyond 0 and 1 a stored colour may lie by rounding.
+/// How far beyond 0 and 1 a stored colour may lie by rounding. Chosen, not measured.
 const OVERSHOOT: f32 = 0.01;
 
 /// A colour brought into `[0, 1]`, where it lies but for rounding; else none.

@@ -10,7 +10,7 @@ use faer::{Mat, MatRef, Side};
 use onescan_core::rng::Rng;
 use rayon::prelude::*;
 
-/// Vertices sampled, with replacement.
+/// Vertices sampled, with replacement. All these numbers are the released program's.
 pub const POINTS: usize = 300;
 /// Components kept.
 pub const COMPONENTS: usize = 199;

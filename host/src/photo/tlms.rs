@@ -11,9 +11,9 @@ use std::path::Path;
 
 /// Fewer visible landmarks than this do not pin down a pose.
 pub const MIN_VISIBLE: usize = 4;
-/// Landmarks within a box of this side, pixels, are one point.
+/// Landmarks within a box of this side, pixels, are one point. Chosen, not measured.
 const TOGETHER: f32 = 2.0;
-/// Landmarks less wide than this part of how long they spread are on a line.
+/// Landmarks less wide than this part of how long they spread are on a line. Chosen, not measured.
 const ON_A_LINE: f64 = 0.01;
 
 /// A named point in a picture.

@@ -23,6 +23,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// Steps of rounds of a chain's warm-up, after each of which all chains together learn a better metric.
+/// Chosen, as are the next two; with them all parameters mix (docs/posterior.md).
 const ROUNDS: [u32; 3] = [30, 40, 50];
 /// Steps that then adapt how far it turns at once.
 const TURNING: u32 = 30;

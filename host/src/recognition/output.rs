@@ -9,7 +9,7 @@ use crate::report::{Escaped, essay, figure};
 use serde::Serialize;
 use std::fmt::Write as _;
 
-/// Ranks shown to a person.
+/// Ranks shown to a person. Chosen, not measured.
 pub const SHOWN: usize = 5;
 
 /// The result.

@@ -17,7 +17,7 @@ use onescan_core::model::Model;
 use onescan_core::register::{Iteration, Problem, Scan, words};
 pub use onescan_core::register::{Options, Registration};
 
-/// How far along its normal a vertex looks for the scan's colour, mm.
+/// How far along its normal a vertex looks for the scan's colour, mm (docs/registration.md). Chosen.
 const REACH: f64 = 10.0;
 
 /// A registered scan.
@@ -119,7 +119,7 @@ pub fn register(
     })
 }
 
-/// Share of the vertices that must have found a place.
+/// Share of the vertices that must have found a place. Chosen, not measured.
 const LEAST: f32 = 0.1;
 
 /// Colours of the scan where vertices' normals meet it, on either side; of those that do not, at the

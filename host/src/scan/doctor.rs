@@ -20,7 +20,8 @@ use surface::{
 
 /// Diagonals that the kernels' lengths suit, millimetres: half a face to a bust with its shoulders.
 const DIAGONALS: std::ops::RangeInclusive<f64> = 60.0..=1500.0;
-/// Least fraction of vertices with a partner across x = 0 in a mesh that lies symmetric.
+/// Least fraction of vertices with a partner across x = 0 in a mesh that lies symmetric. Chosen, not
+/// measured, like the next.
 const SYMMETRIC: f64 = 0.8;
 /// How near a partner has to be, as a fraction of the diagonal: 4 mm in a face.
 const NEAR: f64 = 0.02;

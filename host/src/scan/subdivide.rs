@@ -7,7 +7,7 @@ use super::doctor::surface::distance;
 use crate::error::{Error, Result};
 use std::collections::HashMap;
 
-/// Most triangles that are made.
+/// Most triangles that are made. Chosen, not measured.
 const MAX_TRIANGLES: usize = 40_000_000;
 
 /// Which edges are split.

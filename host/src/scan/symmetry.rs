@@ -57,7 +57,7 @@ pub struct Symmetry {
     pub error: f64,
 }
 
-/// Points that are looked at while searching; the error is that of all.
+/// Points that are looked at while searching; the error is that of all. Chosen, not measured, as are the next.
 const SAMPLE: usize = 1500;
 /// Directions tried: one per 8° or so of a hemisphere.
 const DIRECTIONS: usize = 300;

@@ -48,7 +48,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Sides of a texture, pixels.
+/// Sides of a texture, pixels. Chosen, not measured.
 const SIDES: [u32; 2] = [512, 2048];
 
 /// The colours of a fitted object. `mesh` is the fit's, `shots` the photos fitted to: the first leads.

@@ -2,7 +2,7 @@
 
 use faer::MatRef;
 
-/// Columns that are done side by side.
+/// Columns that are done side by side: in single precision a vector of 512 bits.
 pub(super) const ABREAST: usize = 16;
 
 /// A value of each: a cache line. In single precision, whose rounding is less than what either way

@@ -12,7 +12,7 @@ use super::tiles::Metric;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows of a block.
+/// Rows of a block. Chosen, not measured, as are the next up to [`COARSE`].
 const ROWS: usize = 8;
 /// Columns of a block.
 const COLUMNS: usize = 32;

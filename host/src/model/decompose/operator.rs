@@ -15,10 +15,10 @@ use super::tiles::{self, Metric, Tiles};
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
-/// Kernel matrices up to this many bytes in all are evaluated once and kept.
+/// Kernel matrices up to this many bytes in all are evaluated once and kept. Chosen, not measured.
 pub(super) const KEPT_BYTES: usize = 2 << 30;
 
-/// Rows of the exact matrices that products are compared with.
+/// Rows of the exact matrices that products are compared with. Chosen, not measured.
 const CHECKED: usize = 256;
 /// So many at once.
 const CHECKED_TOGETHER: usize = 16;
