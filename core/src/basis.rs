@@ -7,8 +7,8 @@
 //! registers. Every entry is one sum in component order, whatever the vector width.
 //!
 //! An instance is bounded by memory, so entries are 16-bit integers in units of their component's
-//! *quantum*: 1/32767 of its largest entry, which is far below what its samples differ by (or a
-//! coarser one, for files that compress better).
+//! *quantum*: 1/32767 of its largest entry, far less than a decomposition is wrong by (or a coarser one, for
+//! files that compress better).
 
 use crate::lanes::LANES;
 use crate::memory::Carver;
@@ -90,7 +90,7 @@ impl<'a> Basis<'a> {
 
     /// The transpose of [`Basis::instance`]: adds `Σ_v Σ_axis √λ_k u_k[v, axis]·cost[v][axis]` to
     /// `coefficients[k]`, so that what a field's entries cost becomes what the coefficients cost.
-    /// Vertices that cost nothing are skipped by the block.
+    /// Blocks of vertices that all cost nothing are skipped.
     #[inline(always)]
     pub fn transposed(&self, cost: &[[f32; 4]], coefficients: &mut [f32]) {
         let rank = self.rank();
@@ -139,8 +139,9 @@ impl<'a> Basis<'a> {
         })
     }
 
-    /// How far a component is the same all over: the share of its squares that its means over the vertices
-    /// account for, 0 to 1. As components are orthogonal, those of all add up to 3 at most.
+    /// How even a component is, from 0 to 1, where it is the same at all vertices: the share of its sum of
+    /// squares that is left if each axis is replaced by its mean over the vertices. As components are
+    /// orthogonal, the evennesses of all of them add up to 3 at most.
     pub fn evenness(&self, component: usize) -> f32 {
         let (rank, blocks) = (self.rank().max(1), self.mean.len() / 3);
         let (mut even, mut all) = (0.0_f64, 0.0_f64);
@@ -174,10 +175,10 @@ impl<'a> Basis<'a> {
         }
     }
 
-    /// Fills `rows[f][k]` with `Σ √λ_k u_k[v, axis]·cost[f][axis]` over axes and `(v, cost)`: how three
-    /// functions change with coefficients if that is how they change with a few vertices. `entries`
-    /// are this basis's by vertex, if there is memory for them; the sums are the same without, but
-    /// every one of their entries is somewhere else.
+    /// Fills `rows[f][k]` with `Σ √λ_k u_k[v, axis]·cost[f][axis]`, summed over axes and over `(v, cost)` of
+    /// `costs`: how three functions change with the coefficients, given how they change with a few vertices.
+    /// `entries` is a copy of this basis by vertex, if there was memory for one. Without it the sums are the
+    /// same, but slower, since the entries of a vertex lie far apart.
     #[inline(always)]
     pub fn rows(&self, entries: Option<&ByVertex<'_>>, costs: &[Costs], rows: [&mut [f32]; 3]) {
         let mut sums = [[[0.0; LANES]; GROUPS]; 3];
@@ -252,7 +253,7 @@ type Entries = [[i16; LANES]; 3];
 /// Type of [`Basis::rows`].
 pub type Rows = fn(&Basis<'_>, Option<&ByVertex<'_>>, &[Costs], [&mut [f32]; 3]);
 
-/// Words of memory [`ByVertex`] needs for so many components.
+/// Words of memory that a [`ByVertex`] with `rank` components needs.
 pub const fn by_vertex_words(vertices: usize, rank: usize) -> usize {
     vertices * rank.div_ceil(LANES) * size_of::<Entries>() / size_of::<u32>()
 }

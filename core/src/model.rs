@@ -341,7 +341,7 @@ impl<'a> Model<'a> {
         self.vertices
     }
 
-    /// The file's checksum, which names this model among others.
+    /// The file's checksum, by which this model is told from others.
     pub fn checksum(&self) -> u64 {
         self.checksum
     }

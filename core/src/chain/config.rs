@@ -24,8 +24,8 @@ pub struct Config {
     /// Pixels that share one independent error: the image likelihood is raised to the power
     /// `1/pixel_patch`. What a model cannot explain (a wrinkle, a highlight) is wrong in a whole
     /// patch of the picture; counted pixel by pixel (1, as the paper does) it would
-    /// overrule the prior and be explained by a wrong shape. The default is for pictures of 256
-    /// pixels; in larger ones of the same, patches have as many more pixels.
+    /// overrule the prior and be explained by a wrong shape. The default is for pictures with a longer
+    /// side of 256 pixels; a patch of a larger picture has more pixels, as the whole picture has.
     pub pixel_patch: f32,
     /// Priors on pose, camera and colour.
     pub prior: Prior,

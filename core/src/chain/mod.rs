@@ -8,7 +8,7 @@
 //! A proposal passes three tests in turn, each cheaper than the next: landmarks,
 //! prior, image. A test accepts with probability `min(1, ratio of its factor)`; the product of the
 //! three satisfies detailed balance for the product of the factors, and most bad proposals never
-//! cost a rendering. The correction of the proposal density belongs to the first test.
+//! cost a rendering. What corrects for the way a proposal was drawn belongs to the first test.
 
 mod config;
 mod dimensions;
@@ -91,7 +91,7 @@ pub struct Tally {
 
 type Tallies = heapless::Vec<Tally, MAX_LEAVES>;
 
-/// Everything a chain has to remember; the rest of its memory follows from it. A chain resumed
+/// Everything a chain has to remember; the rest of its memory can be computed from it. A chain resumed
 /// from its checkpoint goes on with the same bits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
@@ -365,7 +365,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         Density::of(self.target.begin(&self.progress.state.scene, looked_at))
     }
 
-    /// All densities of a hypothesis, from scratch. The chain's state stays.
+    /// All densities of a hypothesis, computed from scratch. The chain's state stays as it is.
     pub fn evaluate(&mut self, scene: &Scene) -> Density {
         let looked_at = self.looked_at();
         Density::of(self.target.evaluate(scene, looked_at))
@@ -417,8 +417,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         of_name.flat_map(|((_, table), tallies)| table.branches().zip(tallies.iter().copied()))
     }
 
-    /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's
-    /// state.
+    /// How well a hypothesis fits the picture and the landmarks. The chain's state stays as it is.
     pub fn quality(&mut self, scene: &Scene) -> Quality {
         let points = self.target.landmarks.points(&scene.subject.shape);
         let new = Proposed { problem: self.target.problem, scene, touched: Touched::ALL };

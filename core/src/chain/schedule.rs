@@ -21,7 +21,7 @@ pub enum PhaseName {
 }
 
 impl PhaseName {
-    /// In order.
+    /// All of them, in order.
     pub const ALL: [Self; 3] = [Self::Landmarks, Self::Shape, Self::Image];
 }
 
@@ -46,14 +46,14 @@ pub enum Begin {
 pub struct Phase {
     /// What reports call it.
     pub name: PhaseName,
-    /// What may be done. Of the tree's moves those apply that the problem has parameters,
-    /// landmarks and, [`Factors`] permitting, a picture for.
+    /// What may be done. Moves are left out for which the problem has no coefficients or no landmark, and, if
+    /// the phase does not look at the picture, those that need one.
     pub moves: &'static Tree,
-    /// What judges it.
+    /// Which factors judge a proposal.
     pub factors: Factors,
-    /// How often: 0 skips the phase, unless it is the last.
+    /// How many steps it has: 0 skips the phase, unless it is the last.
     pub steps: fn(&Config) -> u32,
-    /// From where.
+    /// Where it begins.
     pub begin: Begin,
 }
 
@@ -63,16 +63,16 @@ pub const MAX_PHASES: usize = 3;
 /// The phases of a fit, in order.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
-    /// What it is for.
+    /// What it is for, `"face"` or `"object"`.
     pub name: &'static str,
     /// At least one, at most [`MAX_PHASES`]; their names differ.
     pub phases: &'static [Phase],
 }
 
 impl Schedule {
-    /// Of a face, as in the paper: the pose by the landmarks; everything by the picture. Rotations hold
-    /// a landmark of [`CENTRES`] in place. Between the two there may be a phase that moves pose and
-    /// shape by the landmarks.
+    /// The phases of a face, as in the paper: first the pose by the landmarks, at last everything by the
+    /// picture. Between the two there may be one that moves pose and shape by the landmarks. Moves of the
+    /// pose hold a landmark of [`CENTRES`] in place.
     pub const FACE: Self = Self {
         name: "face",
         phases: &[
@@ -82,7 +82,7 @@ impl Schedule {
         ],
     };
 
-    /// Of anything else: the same phases, without landmarks that are held in place. The phase of
+    /// The same phases for anything else, without landmarks that are held in place. The phase of
     /// the shape is for objects whose template is far from what the picture shows.
     pub const OBJECT: Self = Self {
         name: "object",

@@ -115,7 +115,7 @@ impl Coverage {
         self.pixels as f64 * ln_normaliser(sd) - self.ln_background - residual / (2.0 * sd * sd)
     }
 
-    /// The residual at which the log likelihood is `floor`.
+    /// The residual at which the log likelihood is `floor`: a larger one is less likely than that.
     pub fn limit(&self, floor: f64, sd: f32) -> f64 {
         let sd = f64::from(sd);
         (self.ln_likelihood(0.0, sd as f32) - floor) * (2.0 * sd * sd)

@@ -63,7 +63,7 @@ pub enum Move {
     Single {
         /// Which coefficients.
         half: Half,
-        /// Of the one.
+        /// Of that coefficient.
         sd: f32,
     },
     /// Multiplies every coefficient by the same factor.
@@ -98,7 +98,7 @@ pub enum Move {
         /// Per channel.
         sd: f32,
     },
-    /// Solves for the light that explains the picture best. It steers.
+    /// Solves for the light that explains the picture best. It steers, see [`Move::steers`].
     SolveLight {
         /// Visible surface points to use.
         points: u32,

@@ -36,7 +36,7 @@ pub trait Surroundings {
 
 /// Applies a leaf to the scene. Returns the log ratio described at the top of this module, or
 /// `None` if the move fails: it leads out of the space (behind the camera, say) or has nothing to
-/// work on. A failed move counts as rejected, its scene is to be discarded.
+/// work on. A failed move counts as rejected; the scene it leaves is to be discarded.
 pub fn propose(
     branch: &Branch,
     scene: &mut Scene,

@@ -1,7 +1,6 @@
-//! What one photo says of the subject: its view of it, and the landmarks and pixels by which it
-//! speaks.
+//! What one photo says of the subject, by its landmarks and its pixels, and the view it has of it.
 //!
-//! Photos share nothing but the subject, so all they say is a sum over them. Each gives its part of
+//! Photos share nothing but the subject, so what they say adds up. Each gives its part of
 //! the energy ([`Evidence::judge`], which also renews its mask), of the derivative
 //! (`add_gradient`), and of the Gauss–Newton matrix (`add_equations`).
 
@@ -151,8 +150,8 @@ impl<'a, 'w> Evidence<'a, 'w> {
         self.planes.mask
     }
 
-    /// Root mean square difference per channel between photo and rendering, `[0, 1]`, of the pixels
-    /// of the scene so far, each as much as it shows the face.
+    /// Root mean square difference per channel between photo and rendering, `[0, 1]`, over the pixels that
+    /// the model covers, each weighted by its mask.
     pub fn seen_rmse(&self) -> f64 {
         let Planes { photo, rendering, mask, .. } = &self.planes;
         let (mut sum, mut seen) = (0.0, 0.0);

@@ -11,8 +11,8 @@
 //! A step's direction is the derivative of every covered pixel's colour, passed back by reverse
 //! differentiation through shading, normals, projection and basis (`gradient.rs`, `shading.rs`,
 //! `instance.rs`), at the cost of a few renderings. Its metric is the Gauss–Newton matrix of some of
-//! the pixels, drawn evenly, others at every iteration. Steps that do not lower `E` are not taken,
-//! but damped more. Nothing is random.
+//! the pixels, drawn evenly, others at every iteration. A step that does not lower `E` is not taken, but
+//! tried again with more damping. Nothing is random.
 //!
 //! From coarse to fine: the photo is blurred less, a pixel's error is smaller and more components
 //! are sought at every level ([`Level`]).
@@ -70,7 +70,7 @@ pub struct Iteration {
     pub damping: f32,
     /// Covered pixels.
     pub covered: usize,
-    /// How many of them show the face.
+    /// How many of them show the face, by the mask.
     pub visible: f32,
 }
 

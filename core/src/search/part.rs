@@ -1,7 +1,7 @@
 //! The part of a model that photos show at a mode: all that a sampler around it looks at.
 //!
-//! Some triangles are seen, and the normals of their corners are made by the triangles around these. The
-//! other half of a head, say, is left out, and with it half the memory that every instance streams.
+//! It has the triangles that are seen, and those around their corners, by which normals are made. A side of
+//! the head that is turned away, say, is left out, and with it half the memory that every instance streams.
 
 use super::evidence::Evidence;
 use super::instance::{at, instance_words};
@@ -51,8 +51,8 @@ pub struct Part<'m> {
 }
 
 impl<'m> Part<'m> {
-    /// Of what a search has found, in [`part_words`] of memory; `None` if there is less, or nothing is
-    /// seen.
+    /// The part that is seen in what a search has found, in [`part_words`] of memory; `None` if there is less,
+    /// or nothing is seen.
     pub fn new<'a: 'm, const OTHERS: usize>(
         search: &mut ModeSearch<'a, '_, OTHERS>,
         memory: &'m mut [u32],

@@ -14,8 +14,8 @@ use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::memory::Carver;
 use crate::scene::{Scene, Subject, View};
 
-/// Words of memory a [`ModeSearch`] of a problem needs. Without copies of the bases if it is to be
-/// [lean](Problem::lean): then it is slower, with the same bits.
+/// Words of memory a [`ModeSearch`] of a problem needs. A [lean](Problem::lean) one has no copies of the
+/// bases: it is slower, with the same bits.
 pub fn words(problem: &Problem<'_>, options: &Options<'_>) -> usize {
     let first = problem.dimensions();
     let photos = || core::iter::once(&problem.photo).chain(options.others);
@@ -24,7 +24,7 @@ pub fn words(problem: &Problem<'_>, options: &Options<'_>) -> usize {
     shared_words(&first, 1 + options.others.len(), pixels, problem.model.triangles.len()) + own
 }
 
-/// The same of one photo and sizes that are known before there is a problem.
+/// The same for one photo, by sizes that are known before there is a problem.
 pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
     shared_words(d, 1, d.width * d.height, triangles) + evidence_words(d)
 }
@@ -57,7 +57,7 @@ const fn passing_words(vertices: usize, pixels: usize, n: usize) -> usize {
     larger(larger(HISTOGRAM_LEN, gradient_words(vertices, pixels)), equations)
 }
 
-/// A running search, with room for so many photos besides the first.
+/// A running search, with room for `OTHERS` photos besides the first.
 pub struct ModeSearch<'a, 'w, const OTHERS: usize = 0> {
     pub(super) common: Common<'a, 'w>,
     pub(super) first: Evidence<'a, 'w>,
