@@ -173,9 +173,8 @@ pub fn all() -> Vec<&'static Engine> {
 /// Operations in a pass of [`arithmetic`].
 pub const OPERATIONS: usize = 2 * 6 * LANES;
 
-/// Multiplies and adds in registers, as often the one as the other, [`OPERATIONS`] times a pass: the
-/// most that this processor's vectors can do without fused operations, which have other bits.
-/// What comes of it means nothing.
+/// Multiplies and adds in registers, in equal numbers, [`OPERATIONS`] times a pass: the most that this
+/// processor's vectors can do without fused operations, which have other bits. The result means nothing.
 pub fn arithmetic(passes: u32) -> f32 {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {

@@ -75,7 +75,7 @@ impl Report {
     /// As JSON text.
     ///
     /// # Errors
-    /// None in practice: all keys are text.
+    /// Never in practice: all keys are text.
     pub fn to_json(&self) -> Result<String> {
         serde_json::to_string_pretty(self).map_err(Error::new)
     }

@@ -44,7 +44,7 @@ impl Workload {
     /// Builds the model and draws the picture; a few seconds, told to `progress` in `[0, 1]`.
     ///
     /// # Errors
-    /// None: everything it needs is built in.
+    /// Never: everything it needs is built in.
     pub fn new(progress: &mut dyn FnMut(f64)) -> Result<Self> {
         let owned = demo::template_model(RANK, &mut |done, _| progress(done))?.model;
         let model = owned.view();

@@ -47,7 +47,7 @@ pub struct Mark {
 pub struct FaceOnScan {
     /// Its landmarks.
     pub marks: Vec<Mark>,
-    /// It from the front.
+    /// The face from the front.
     pub picture: Picture,
     /// Where the landmarks were found in that picture.
     pub in_picture: Tlms,
@@ -55,9 +55,9 @@ pub struct FaceOnScan {
 
 /// Finds a face on a scan, whichever way it looks.
 ///
-/// Pictures from all sides tell where it looks, then three pictures of the face alone, from the front and
-/// half from both sides, where its landmarks are: each is where that picture has it with which the others
-/// agree best.
+/// Pictures from all sides tell which way it looks. Then three pictures of the face alone, from the front and
+/// turned a little to both sides, tell where its landmarks are: of each landmark that picture's place is taken
+/// which the other two agree with best.
 ///
 /// # Errors
 /// No face in any of the pictures.

@@ -17,7 +17,7 @@ use onescan_core::search::{self, ModeSearch, Options};
 /// A landmark farther from its fitted place than this many standard deviations is named. Chosen, not measured.
 const FAR: f64 = 4.0;
 /// One farther than this from where all landmarks put the mean has no say in what is looked at,
-/// as a part of the crop's longer side: a quarter of what the landmarks of a face span in it.
+/// as a share of the crop's longer side: a quarter of what the landmarks of a face span in it.
 const ASTRAY: f64 = 30.0 / 256.0;
 /// Energy of landmarks that the mean explains: most faces' have below 1, with a wrong one among a
 /// dozen below 3.
@@ -154,8 +154,8 @@ pub fn check_sides(
     }))
 }
 
-/// The part of a photo to look at: [`Crop::around`] the landmarks, but for those that are far from
-/// where the others put the model.
+/// The part of a photo to look at: [`Crop::around`] the landmarks, without those that are far from where
+/// the others put the model.
 ///
 /// # Errors
 /// Those of [`Crop::around`]; landmarks the model does not have.

@@ -87,9 +87,9 @@ pub struct Fit {
     pub initial: State,
     /// The best state of the image phase, of the winning chain. Its camera sees the crop.
     pub best: State,
-    /// Fit of the initial state.
+    /// How well the initial state fits.
     pub initial_quality: Quality,
-    /// Fit of the best state.
+    /// How well the best state fits.
     pub best_quality: Quality,
     /// Hash of the accepted states of all chains.
     pub fingerprint: u64,
@@ -99,7 +99,7 @@ pub struct Fit {
     pub accepted: u64,
     /// Steps of all chains that compared the picture.
     pub image_evaluated: u64,
-    /// Seconds of the slowest chain, both phases; of a resumed fit, since it was resumed.
+    /// Seconds of the slowest chain, all phases; of a resumed fit, since it was resumed.
     pub seconds: f64,
     /// Steps per second of one chain.
     pub steps_per_second: f64,
@@ -107,7 +107,7 @@ pub struct Fit {
     pub trace: Vec<TracePoint>,
     /// Acceptance over all chains.
     pub acceptance: Vec<Acceptance>,
-    /// Of a search for the mode.
+    /// What a search for the mode leaves besides; `None` of a chain.
     pub mode: Option<Mode>,
 }
 
@@ -126,13 +126,13 @@ pub struct Mode {
     pub found: ModeFound,
     /// Probability of each pixel of the crop to show the face; 0 where it does not reach.
     pub mask: Vec<f32>,
-    /// How exact it is, approximately, if that was computed.
+    /// How exact the result is, approximately, if that was computed.
     #[cfg(feature = "full")]
     pub laplace: Option<summary::Laplace>,
 }
 
 impl Job<'_> {
-    /// The fit that the ended chains amount to; `None` if there are none.
+    /// The fit that chains which have ended make up together; `None` if there are none.
     pub fn summarize(&self, runs: Vec<Run>) -> Option<Fit> {
         let fingerprint = match &runs[..] {
             [one] => one.save.checkpoint.fingerprint.finish(),

@@ -20,8 +20,8 @@ pub enum Schedule {
 }
 
 impl Schedule {
-    /// Its settings for a model and a picture whose longer side is `side`. Errors are those of
-    /// [`Crop::LONGER_SIDE`] in proportion: a larger picture of the same says no more. A search takes
+    /// Its settings for a model and a picture whose longer side is `side`. Errors are those of a picture of
+    /// [`Crop::LONGER_SIDE`], in proportion, since a larger picture of the same says no more. A search takes
     /// all components (of each half at most [`MAX_RANK`]) and makes no steps of a chain; a chain takes
     /// the paper's numbers.
     pub fn config(self, model: &Model<'_>, side: u32) -> Config {

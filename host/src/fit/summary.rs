@@ -75,22 +75,22 @@ pub struct ModeFound {
 }
 
 /// Standard deviations in Laplace's approximation: the posterior as a normal distribution about the
-/// mode. It knows the mode alone, and is too narrow where the posterior is bent; a sampler
-/// ([`PosteriorFound`]) tells what is.
+/// mode. It knows nothing but the mode, and is too narrow where the posterior is bent: a sampler knows better
+/// ([`PosteriorFound`]).
 #[cfg(feature = "full")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Laplace {
-    /// Log marginal likelihood of the photos under the model, up to a constant that the photos and
-    /// the settings tell: models may be compared on the same photos. 0 in files of before.
+    /// Log marginal likelihood of the photos under the model, up to a constant that depends on
+    /// photos and settings alone: models may be compared on the same photos. 0 in files of older versions.
     #[serde(default)]
     pub ln_evidence: f64,
     /// Rotation about the x, y and z axis (about pitch, yaw and roll), degrees.
     pub rotation_deg: [f32; 3],
     /// Translation along x and y, mm.
     pub translation_mm: [f32; 2],
-    /// Focal length at a fixed distance, as a part of it.
+    /// Focal length at a fixed distance, relative to it.
     pub zoom: f32,
-    /// Distance with the focal length in proportion, as a part of it.
+    /// Distance, with the focal length in proportion, relative to it.
     pub distance: f32,
     /// Shape coefficients.
     pub shape: Vec<f32>,
@@ -148,7 +148,7 @@ pub struct PosteriorFound {
     pub draws: u32,
     /// Steps of each before, thrown away.
     pub warm_up: u32,
-    /// Accepted trajectories, as a part of all.
+    /// Share of the trajectories that were accepted.
     pub acceptance: f64,
     /// Hash over the bits of every accepted state of all chains.
     pub fingerprint: String,
@@ -256,8 +256,8 @@ pub struct Summary {
     pub parameters: Scene,
 }
 
-/// The fits of a demo, or to several photos: the contents of `summary.json`. Or those of a mixture's
-/// components to one: of `components.json`.
+/// Several fits: of a demo or to several photos, the contents of `summary.json`; or of a mixture's components
+/// to one photo, the contents of `components.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summaries {
     /// The fits, in the order they were made.

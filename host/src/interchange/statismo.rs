@@ -23,7 +23,7 @@ use crate::vector::distance;
 use faer::Mat;
 use std::collections::{BTreeMap, HashMap};
 
-/// How far a landmark may lie from a vertex of the reference, as a part of the reference's
+/// How far a landmark may lie from a vertex of the reference, as a share of the reference's
 /// diagonal: rounding to 32 bits and printing move it less.
 pub const LANDMARK_TOLERANCE: f64 = 1e-4;
 

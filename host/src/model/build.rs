@@ -43,7 +43,7 @@ pub struct BuildOptions<'a> {
 pub struct BuiltModel {
     /// The model.
     pub model: OwnedModel,
-    /// Ranks, variances, certificates, times.
+    /// Ranks, variances, residuals, times.
     pub report: BuildReport,
     shape: Computed,
     albedo: Computed,
@@ -103,7 +103,7 @@ pub struct HalfReport {
     pub rank: usize,
     /// Fraction of the variance they hold.
     pub captured: f64,
-    /// Largest residual `‖K u − λ u‖ / λ` among them; of components of a sample it is not known.
+    /// Largest residual `‖K u − λ u‖ / λ` among them; not known for components of a sample.
     pub max_residual: Option<f64>,
     /// Wall time.
     pub seconds: f64,

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 /// A model of one mesh that never deviates from it: for drawing the mesh.
 ///
 /// # Errors
-/// None for a mesh that keeps its guarantees.
+/// Never for a mesh that keeps its guarantees.
 pub fn rigid(mesh: &Mesh, landmarks: &[Landmark]) -> Result<OwnedModel> {
     let parts = ModelParts {
         shape: Half { mean: &mesh.points, deviation: &Rigid },

@@ -69,7 +69,8 @@ impl Tlms {
         has_extension(path, &["pts", "json"])
     }
 
-    /// Drops those whose name is none of these: points are numbered whatever the model knows.
+    /// Drops the landmarks whose name is not among these: a file of numbered points has all its points, whatever
+    /// the model knows.
     pub fn keep(&mut self, names: &[&str]) {
         self.landmarks.retain(|landmark| names.contains(&landmark.id.as_str()));
     }
@@ -204,7 +205,7 @@ impl Tlms {
         Ok(())
     }
 
-    /// How wide the visible landmarks spread across their longest direction, as a part of how far
+    /// How wide the visible landmarks spread across their longest direction, as a share of how far
     /// along it.
     fn flatness(&self) -> f64 {
         let points = self.visible_points();

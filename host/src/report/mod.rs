@@ -138,7 +138,7 @@ impl Figure {
 /// A page of one's own: `body` is HTML.
 ///
 /// # Errors
-/// None.
+/// Never.
 #[cfg(feature = "full")]
 pub fn essay(title: &str, lead: &str, body: &str) -> Result<String> {
     let mut html = String::new();

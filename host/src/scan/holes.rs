@@ -14,7 +14,7 @@ const LONGEST: f64 = 0.2;
 const HOLE: f64 = 0.25;
 
 /// Closes holes whose rim is no longer than `longest`, in the mesh's unit; returns how many. New vertices
-/// follow those there are; their colours go over from the rim's to its mean.
+/// follow the old ones; their colours pass from the rim's to the rim's mean.
 pub fn fill(mesh: &mut Mesh, longest: Option<f64>) -> usize {
     let (map, points) = weld(&mesh.points);
     let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();

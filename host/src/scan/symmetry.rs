@@ -1,5 +1,5 @@
-//! Finding an object's plane of symmetry, and moving the object so that it is a coordinate plane:
-//! kernels mirror at these.
+//! Finding an object's plane of symmetry, and moving the object so that this is a coordinate plane: kernels
+//! mirror at those alone.
 
 use crate::error::{Error, Result};
 use crate::mesh::{Axis, Mesh};

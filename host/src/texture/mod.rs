@@ -28,7 +28,7 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "full", derive(clap::ValueEnum))]
 pub enum Kind {
-    /// As in the photo, its light included; for viewers that add none.
+    /// As in the photo, its light included: for viewers that add none.
     #[default]
     Photo,
     /// The photo without its light; for scenes with a light of their own.
@@ -51,7 +51,8 @@ impl fmt::Display for Kind {
 /// Sides of a texture, pixels. Chosen, not measured.
 const SIDES: [u32; 2] = [512, 2048];
 
-/// The colours of a fitted object. `mesh` is the fit's, `shots` the photos fitted to: the first leads.
+/// The colours of a fitted object. `mesh` is the fit's, `shots` are the photos it was fitted to, of which the
+/// first lies on top.
 ///
 /// # Errors
 /// A crop that does not fit its photo.
