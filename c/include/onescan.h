@@ -120,15 +120,15 @@ typedef struct {
    */
   uint32_t albedo_rank;
   /*
-   Steps of the chain's landmark stage.
+   Steps of the chain's landmark phase.
    */
   uint32_t landmark_samples;
   /*
-   Steps of the shape stage: 0 for faces, 5000 for other objects.
+   Steps of the shape phase: 0 for faces, 5000 for other objects.
    */
   uint32_t shape_samples;
   /*
-   Steps of the image stage.
+   Steps of the image phase.
    */
   uint32_t samples;
   /*

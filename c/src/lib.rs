@@ -14,7 +14,7 @@ use core::{ptr, slice};
 use onescan_core::chain::{Chain, ChainError, Config, Dimensions, Problem, Schedule};
 use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, Observation};
+use onescan_core::likelihood::landmarks::{MAX_LANDMARKS, ObservedLandmark};
 use onescan_core::model::{Model, ModelError};
 use onescan_core::scene::{MAX_RANK, Scene, Subject, View};
 use onescan_core::search::{LEVELS, ModeSearch, Options, words_for};
@@ -109,11 +109,11 @@ pub struct OnescanSettings {
     pub shape_rank: u32,
     /// Albedo coefficients to infer, at most 200.
     pub albedo_rank: u32,
-    /// Steps of the chain's landmark stage.
+    /// Steps of the chain's landmark phase.
     pub landmark_samples: u32,
-    /// Steps of the shape stage: 0 for faces, 5000 for other objects.
+    /// Steps of the shape phase: 0 for faces, 5000 for other objects.
     pub shape_samples: u32,
-    /// Steps of the image stage.
+    /// Steps of the image phase.
     pub samples: u32,
     /// Standard deviation of a landmark, pixels; the default is for pictures of about 256.
     pub landmark_sd: f32,
@@ -221,7 +221,7 @@ struct Running<I> {
     mark: u64,
     model: Model<'static>,
     config: Config,
-    observations: [Observation<'static>; MAX_LANDMARKS],
+    observed: [ObservedLandmark<'static>; MAX_LANDMARKS],
     inference: Result<I, ChainError>,
 }
 
@@ -271,13 +271,13 @@ pub extern "C" fn onescan_default_settings() -> OnescanSettings {
         seed: 7,
         shape_rank: config.shape_rank as u32,
         albedo_rank: config.albedo_rank as u32,
-        landmark_samples: config.landmark_samples,
-        shape_samples: config.shape_samples,
-        samples: config.samples,
+        landmark_samples: config.landmark_steps,
+        shape_samples: config.shape_steps,
+        samples: config.image_steps,
         landmark_sd: config.landmark_sd,
         pixel_sd: config.pixel_sd,
         pixel_patch: config.pixel_patch,
-        search: u8::from(config.search),
+        search: u8::from(config.solve_light),
         lean: 0,
         occlusion: 1,
     }
@@ -515,8 +515,8 @@ impl Inputs {
         if landmarks.is_empty() || landmarks.len() > MAX_LANDMARKS {
             return OnescanStatus::LandmarkCount;
         }
-        let mut observations = [Observation { name: "", position: [0.0; 2] }; MAX_LANDMARKS];
-        for (observation, landmark) in observations.iter_mut().zip(landmarks) {
+        let mut observed = [ObservedLandmark { name: "", position: [0.0; 2] }; MAX_LANDMARKS];
+        for (observed, landmark) in observed.iter_mut().zip(landmarks) {
             if landmark.name.is_null() {
                 return OnescanStatus::Null;
             }
@@ -524,26 +524,26 @@ impl Inputs {
             let Ok(name) = (unsafe { CStr::from_ptr(landmark.name) }).to_str() else {
                 return OnescanStatus::UnknownLandmark;
             };
-            *observation = Observation { name, position: [landmark.x, landmark.y] };
+            *observed = ObservedLandmark { name, position: [landmark.x, landmark.y] };
         }
         let config = Config::default().with(|config| {
             config.shape_rank = settings.shape_rank as usize;
             config.albedo_rank = settings.albedo_rank as usize;
-            config.landmark_samples = settings.landmark_samples;
-            config.shape_samples = settings.shape_samples;
-            config.samples = settings.samples;
+            config.landmark_steps = settings.landmark_samples;
+            config.shape_steps = settings.shape_samples;
+            config.image_steps = settings.samples;
             config.landmark_sd = settings.landmark_sd;
             config.pixel_sd = settings.pixel_sd;
             config.pixel_patch = settings.pixel_patch;
-            config.search = settings.search != 0;
+            config.solve_light = settings.search != 0;
         });
         // SAFETY: `place` is large enough and aligned. Its fields are written before they are
         // borrowed, and stay where they are, as the caller promises.
         unsafe {
             (&raw mut (*place).model).write(model);
             (&raw mut (*place).config).write(config);
-            (&raw mut (*place).observations).write(observations);
-            let landmarks = &(&(*place).observations)[..landmarks.len()];
+            (&raw mut (*place).observed).write(observed);
+            let landmarks = &(&(*place).observed)[..landmarks.len()];
             let image = Image { pixels, width, height };
             let problem = Problem::new(&(*place).model, image, landmarks, &(*place).config);
             (&raw mut (*place).inference).write(begin(problem, &settings, memory));

@@ -7,7 +7,7 @@
 
 use onescan_core::chain::{Config, Problem};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::search::{self, ModeSearch, Options};
 use std::error::Error;
@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut landmarks = Vec::new();
     for line in marks.lines() {
         if let [name, "1", x, y] = line.split(' ').collect::<Vec<_>>()[..] {
-            landmarks.push(Observation { name, position: [x.parse()?, y.parse()?] });
+            landmarks.push(ObservedLandmark { name, position: [x.parse()?, y.parse()?] });
         }
     }
 

@@ -14,7 +14,7 @@ pub struct ColorTransform {
     pub offset: [f32; 3],
 }
 
-/// Luminance weights of the colour transform.
+/// Luminance weights of the colour transform, the reference engine's: those of Rec. 601, rounded.
 pub const LUMINANCE: [f32; 3] = [0.3, 0.59, 0.11];
 
 impl ColorTransform {

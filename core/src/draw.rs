@@ -94,7 +94,8 @@ fn fill<I: Index>(
     covered
 }
 
-/// Puts colours in `[0, 1]`, rows of `width`, onto a display, from its top left corner on. Clamps.
+/// Shows a picture, rows of `width` colours in `[0, 1]`, on a display, from its top left corner on. Colours
+/// beyond are clamped.
 ///
 /// # Errors
 /// Those of the display.

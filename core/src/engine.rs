@@ -8,7 +8,7 @@
 use crate::basis::{Basis, Rows};
 use crate::lanes::Planes;
 use crate::least_squares::{NormalEquations, add_normal_equations, cholesky};
-use crate::likelihood::pixels::{self, Coverage, Known, Surface, Target};
+use crate::likelihood::pixels::{self, Coverage, Known, Rasterized, Target};
 use crate::mesh;
 use crate::model::Triangles;
 use crate::render::project;
@@ -39,7 +39,7 @@ pub struct Engine {
     /// [`Coverage::of`].
     pub coverage: fn(&Frame<'_>, &Target<'_>) -> Coverage,
     /// [`pixels::interpolate`].
-    pub interpolate: fn(&Surface<'_, '_>, Option<&mut [Planes]>, &mut [Planes]),
+    pub interpolate: fn(&Rasterized<'_, '_>, Option<&mut [Planes]>, &mut [Planes]),
     /// [`pixels::residual`].
     pub residual: Residual,
     /// [`add_normal_equations`] and [`cholesky`].
@@ -47,7 +47,7 @@ pub struct Engine {
 }
 
 /// Type of [`pixels::residual`].
-pub type Residual = fn(&Surface<'_, '_>, Known<'_>, &Shader, &Target<'_>, f64) -> Option<f64>;
+pub type Residual = fn(&Rasterized<'_, '_>, Known<'_>, &Shader, &Target<'_>, f64) -> Option<f64>;
 
 impl Engine {
     /// As this crate is compiled.

@@ -1,6 +1,7 @@
-//! Pixels side by side: a picture in chunks of [`LANES`], each row padded to whole chunks.
+//! Numbers side by side, for vector registers: a picture in chunks of [`LANES`] pixels, each row padded to
+//! whole chunks; equations in groups of [`LANES`] unknowns.
 
-/// Pixels handled together.
+/// Numbers handled together: single precision in the widest vectors there are, of 512 bits.
 pub const LANES: usize = 16;
 
 /// Chunks of [`LANES`] pixels of a picture, whose rows start with a new chunk each.

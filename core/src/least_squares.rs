@@ -3,9 +3,10 @@
 use crate::lanes::LANES;
 use crate::math;
 
-/// Equations come in batches, and rows of `U` in panels, of multiples of these.
+/// Equations come in batches, and rows of `U` in panels, of multiples of these, so that tiles
+/// are whole.
 const PANEL: usize = 8;
-/// The most equations that are added together.
+/// The most equations that are added together. Chosen, not measured.
 const MAX_BATCH: usize = 64;
 
 /// Equations that are added together, so that the matrix is read and written once for all of them:
@@ -132,8 +133,8 @@ fn add_products<const ROWS: usize>(
 /// are in groups of lanes, `batch[group][row]`, with room for as many rows in every group; there is
 /// nothing but zeros beyond a row's end.
 ///
-/// `ROWS` rows of the matrix are kept in registers, a divisor of 8; every entry is one sum in the
-/// order of the equations, whatever there are registers for.
+/// `ROWS`, a divisor of 8, is how many of the matrix's rows are kept in registers. It does not change the
+/// bits: every entry is one sum in the order of the equations.
 #[inline(always)]
 pub fn add_normal_equations<const ROWS: usize>(
     batch: &[Group],
@@ -363,10 +364,10 @@ pub(crate) const fn matrix_words(n: usize) -> usize {
 
 /// Solves by Cholesky's method `A = UᵀU`, in place; `None` if the matrix is not positive definite.
 ///
-/// Some rows at a time: once they are rows of `U`, their products are subtracted from all that is
-/// below. How many depends on the scratch memory, where 8 to 16 rows should have room. Every entry
-/// is one difference in the order of `U`'s rows, however many they are; `ROWS`, a divisor of 8, is
-/// that of [`add_normal_equations`].
+/// Some rows are done at a time: once they are rows of `U`, their products are subtracted from all rows
+/// below. How many depends on the scratch memory, which should have room for 8 to 16. It does not change
+/// the bits: from every entry the products are subtracted in the order of `U`'s rows. `ROWS`, a divisor of
+/// 8, is that of [`add_normal_equations`].
 #[inline(always)]
 pub fn cholesky<const ROWS: usize>(
     matrix: &mut [Group],

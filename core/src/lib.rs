@@ -1,6 +1,23 @@
 //! 3D morphable models on bare metal: the inference core of onescan.
 //!
-//! The pipeline, in the order the data flows:
+//! # Where to begin
+//!
+//! | task | item |
+//! |---|---|
+//! | read a model | [`Model::new_checked`](model::Model::new_checked) |
+//! | say what is fitted to what | [`Problem`](chain::Problem), [`Config`](chain::Config), [`Image`](image::Image), [`ObservedLandmark`](likelihood::landmarks::ObservedLandmark) |
+//! | find the mode of the posterior | [`ModeSearch`](search::ModeSearch) |
+//! | sample around that mode | [`Sampler`](posterior::Sampler) |
+//! | fit by the paper's Markov chain | [`Chain`](chain::Chain) |
+//! | read off what was found | [`Scene`](scene::Scene) |
+//! | draw it | [`draw`](draw::draw()) |
+//! | deform a model onto a scan | [`Registration`](register::Registration) |
+//! | compute with wider vectors | [`Engine`](engine::Engine) |
+//!
+//! Crate `onescan` is the same on a computer, with files and a command; it builds the models.
+//!
+//! # Rooms
+//! In the order the data flows:
 //!
 //! | step | room |
 //! |---|---|
@@ -13,15 +30,17 @@
 //! | any target, any moves → the next state | [`metropolis`] |
 //! | a fit by sampling: its target, schedule and progress | [`chain`] |
 //! | the mode of the posterior, by Levenberg–Marquardt | [`search`], [`least_squares`] |
+//! | samples around the mode, by Hamiltonian Monte Carlo | [`posterior`] |
+//! | model + scan → the model deformed onto it | [`register`] |
+//! | result → picture | [`draw`](mod@draw) |
 //! | memory for all of it | [`memory`], [`chain::Dimensions`] |
 //! | the expensive stages, exchangeable | [`engine`] |
-//! | oracles for the tests | [`naive`] |
 //!
 //! # A fit
 //! ```
 //! use onescan_core::chain::{Config, Problem};
 //! use onescan_core::image::Image;
-//! use onescan_core::likelihood::landmarks::Observation;
+//! use onescan_core::likelihood::landmarks::ObservedLandmark;
 //! use onescan_core::model::Model;
 //! use onescan_core::search::{self, ModeSearch, Options};
 //! # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/device");
@@ -34,7 +53,7 @@
 //! # let marks = std::fs::read_to_string(format!("{folder}/half.tlms")).unwrap();
 //! # let landmarks: Vec<_> = marks.lines().map(|line| {
 //! #     let [name, _, x, y] = line.split(' ').collect::<Vec<_>>()[..] else { panic!("{line}") };
-//! #     Observation { name, position: [x.parse().unwrap(), y.parse().unwrap()] }
+//! #     ObservedLandmark { name, position: [x.parse().unwrap(), y.parse().unwrap()] }
 //! # }).collect();
 //! let model = Model::new_checked(bytes)?;
 //! let image = Image { pixels, width: 32, height: 32 };
@@ -51,6 +70,11 @@
 //! ```
 //! `examples/fit.rs` reads the model, the picture and the landmarks, too; with
 //! [`chain::Chain`] in place of the search it is a Markov chain.
+//!
+//! # Features
+//! None is on by default. `micromath` approximates exponentials and logarithms for processors without a
+//! floating-point unit, with other bits; `naive` adds slow, obvious twins of the fast stages, with which
+//! tests and benchmarks compare.
 //!
 //! # Contract
 //! No heap, no `unsafe`, no clock, no files: the caller owns all memory and drives the chain one
@@ -89,6 +113,7 @@ pub mod memory;
 pub mod mesh;
 pub mod metropolis;
 pub mod model;
+#[cfg(any(test, feature = "naive"))]
 pub mod naive;
 pub mod posterior;
 pub mod proposal;

@@ -167,7 +167,7 @@ pub struct LitPoint {
 }
 
 /// Ridge of [`solve`], relative to the mean diagonal: a face turned to the side shows only half
-/// of the sphere of normals, and without it the other half's light would run away.
+/// of the sphere of normals, and without it the other half's light would run away. Chosen, not measured.
 const RIDGE: f64 = 1e-4;
 
 /// Closed-form light: the least-squares coefficients that explain the points' colours.

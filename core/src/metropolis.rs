@@ -64,18 +64,18 @@ pub type Factors = u8;
 pub struct Factor {
     /// What reports call it.
     pub name: &'static str,
-    /// Whether the test's threshold is drawn first, so that evaluation may be given up midway. A
-    /// cheap factor's is drawn only if it decides.
+    /// Whether the test's threshold is drawn before the factor is evaluated, so that the evaluation may be
+    /// given up midway. For a cheap factor it is drawn afterwards, and only if it decides.
     pub costly: bool,
 }
 
 impl Factor {
-    /// Evaluated to the end.
+    /// A factor that is always evaluated to the end.
     pub const fn cheap(name: &'static str) -> Self {
         Self { name, costly: false }
     }
 
-    /// Worth being given up midway.
+    /// A factor whose evaluation may be given up midway.
     pub const fn costly(name: &'static str) -> Self {
         Self { name, costly: true }
     }
@@ -126,11 +126,11 @@ pub trait Target {
 pub struct Drawn<U> {
     /// What it changed.
     pub touched: U,
-    /// `log [q(x' → x)·|J| / q(x → x')]`; of a late move `−log q(x → x')`, the rest being
+    /// `log [q(x' → x)·|J| / q(x → x')]`. Of a late move only `−log q(x → x')`: the rest is
     /// [`Moves::ln_back`].
     pub ln_ratio: f64,
-    /// The factor whose test it belongs to, or if that is not looked at the next one that is. Late
-    /// moves name the first factor that prepares what they need of the proposal.
+    /// The factor whose test the ratio belongs to; if that factor is not looked at, the next one that is.
+    /// Late moves name the first factor that prepares what they need of the proposal.
     pub due: usize,
 }
 

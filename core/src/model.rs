@@ -28,7 +28,7 @@
 //! byte per vertex: 255 times the prior probability that the surface is hidden there). Means and
 //! variances are f32, bases i16; fields and bases are laid out as [`crate::basis`] says.
 
-use crate::basis::{Basis, LANES, field_len, padded};
+use crate::basis::{BLOCK, Basis, field_len, padded};
 use crate::hash;
 use core::fmt;
 
@@ -341,7 +341,7 @@ impl<'a> Model<'a> {
         self.vertices
     }
 
-    /// The file's checksum, which names this model among others.
+    /// The file's checksum, by which this model is told from others.
     pub fn checksum(&self) -> u64 {
         self.checksum
     }
@@ -425,7 +425,7 @@ impl<'a> Header<'a> {
         rank: u32,
         total_at: usize,
     ) -> Result<Basis<'a>, ModelError> {
-        let blocks = 3 * padded(vertices) / LANES;
+        let blocks = 3 * padded(vertices) / BLOCK;
         let rank = rank as usize;
         let count =
             blocks.checked_mul(rank).ok_or(ModelError::SectionBounds { section: columns })?;

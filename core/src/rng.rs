@@ -24,7 +24,8 @@ struct Position {
     spare: Option<f64>,
 }
 
-/// Positions beyond these are refused: a chain does not get there, and the way would take minutes.
+/// Positions beyond these are refused: a chain does not get there, and the way would take minutes. Chosen,
+/// not measured.
 const MAX_DRAWN: u64 = 1 << 36;
 const MAX_STREAM: u32 = 1 << 20;
 

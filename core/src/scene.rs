@@ -11,7 +11,8 @@ use crate::light::{self, Light};
 use crate::math;
 use serde::{Deserialize, Serialize};
 
-/// The largest number of shape or of albedo coefficients a [`Scene`] carries.
+/// The largest number of shape or of albedo coefficients a [`Scene`] carries: room for the 199 that
+/// published face models have.
 pub const MAX_RANK: usize = 200;
 
 /// Coefficients of one half of the model (shape or albedo), in standard deviations:
@@ -117,8 +118,8 @@ pub struct Camera {
 
 impl Camera {
     /// The reference engine's default (focal length 7.5 on a 2×2 sensor), fitted to a picture:
-    /// the shorter relation of the two sides keeps the 2-wide sensor, the other side's sensor
-    /// grows so that pixels stay square.
+    /// the shorter side keeps the sensor's 2, and the other side of the sensor grows so that pixels stay
+    /// square.
     pub fn for_image(width: u32, height: u32) -> Self {
         let (w, h) = (width.max(1) as f32, height.max(1) as f32);
         let side = w.min(h);
@@ -173,7 +174,7 @@ pub struct PixelCamera {
     pub centre: [f32; 2],
 }
 
-/// Whom a picture shows: all that does not change from one picture to the next.
+/// Whom or what a picture shows: all that does not change from one picture to the next.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Subject {
     /// Shape coefficients.
@@ -240,9 +241,9 @@ impl View {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Flat", into = "Flat")]
 pub struct Scene {
-    /// Whom it shows.
+    /// Whom or what it shows.
     pub subject: Subject,
-    /// And how.
+    /// How it shows it.
     pub view: View,
 }
 

@@ -2,10 +2,10 @@
 
 mod common;
 
-use onescan_core::chain::{Chain, Checkpoint, Config, Problem, Stage};
+use onescan_core::chain::{Chain, Checkpoint, Config, PhaseName, Problem};
 use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
@@ -32,7 +32,7 @@ fn photo(model: &Model<'_>) -> (Vec<[u8; 3]>, Scene) {
 }
 
 /// Where the truth's landmarks are.
-fn landmarks<'m>(model: &Model<'m>, truth: &Scene) -> Vec<Observation<'m>> {
+fn landmarks<'m>(model: &Model<'m>, truth: &Scene) -> Vec<ObservedLandmark<'m>> {
     let mut positions = vec![[0.0; 4]; onescan_core::basis::padded(model.vertices())];
     model.shape.instance(&truth.subject.shape, &mut positions);
     let position = |vertex: u32| {
@@ -40,7 +40,7 @@ fn landmarks<'m>(model: &Model<'m>, truth: &Scene) -> Vec<Observation<'m>> {
         let (u, v, _) = truth.view.camera.project(truth.view.pose.to_world([x, y, z]));
         [u, v]
     };
-    model.landmarks().map(|(name, v)| Observation { name, position: position(v) }).collect()
+    model.landmarks().map(|(name, v)| ObservedLandmark { name, position: position(v) }).collect()
 }
 
 #[test]
@@ -52,8 +52,8 @@ fn little_memory_changes_no_bit() {
     let config = Config::default().with(|config| {
         config.shape_rank = 6;
         config.albedo_rank = 5;
-        config.landmark_samples = 300;
-        config.samples = 1500;
+        config.landmark_steps = 300;
+        config.image_steps = 1500;
     });
     let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
     let problem = Problem::new(&model, image, &landmarks, &config);
@@ -87,7 +87,7 @@ fn a_checkpoint_that_does_not_fit_is_refused() {
     let config = |shape_rank, albedo_rank| {
         Config::default().with(|config| {
             (config.shape_rank, config.albedo_rank) = (shape_rank, albedo_rank);
-            (config.landmark_samples, config.samples) = (50, 50);
+            (config.landmark_steps, config.image_steps) = (50, 50);
         })
     };
     let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
@@ -119,35 +119,35 @@ fn a_checkpoint_that_does_not_fit_is_refused() {
     }));
 }
 
-/// The stage between the pose's and the picture's, of objects.
+/// The phase between the pose's and the picture's, of objects.
 #[test]
 fn the_shape_follows_the_landmarks_before_the_picture() {
     let bytes = common::mask(24, 30, 6, 5);
     let model = bytes.model();
     let (pixels, truth) = photo(&model);
     let landmarks = landmarks(&model, &truth);
-    let fit = |shape_samples: u32| {
+    let fit = |shape_steps: u32| {
         let config = Config::default().with(|config| {
             config.shape_rank = 6;
             config.albedo_rank = 5;
-            config.landmark_samples = 600;
-            config.shape_samples = shape_samples;
-            config.samples = 10;
+            config.landmark_steps = 600;
+            config.shape_steps = shape_steps;
+            config.image_steps = 10;
             config.landmark_sd = 1.0;
         });
         let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
         let problem = Problem::new(&model, image, &landmarks, &config);
         let mut memory = vec![0; problem.dimensions().words()];
         let mut chain = Chain::new(problem, 5, 0, &mut memory).expect("the problem fits together");
-        let mut stages = Vec::new();
+        let mut phases = Vec::new();
         while let Some(step) = chain.step() {
-            stages.push(step.stage);
+            phases.push(step.phase);
         }
         let (done, all) = chain.progress();
-        assert_eq!((done, u64::from(all)), (stages.len() as u32, config.steps()));
-        let proposed = |stage| chain.tallies(stage).map(|(_, tally)| tally.proposed).sum::<u32>();
-        assert_eq!(Stage::ALL.map(proposed), [600, shape_samples, 10]);
-        assert!(stages.is_sorted_by_key(|stage| Stage::ALL.iter().position(|s| s == stage)));
+        assert_eq!((done, u64::from(all)), (phases.len() as u32, config.steps()));
+        let proposed = |phase| chain.tallies(phase).map(|(_, tally)| tally.proposed).sum::<u32>();
+        assert_eq!(PhaseName::ALL.map(proposed), [600, shape_steps, 10]);
+        assert!(phases.is_sorted_by_key(|phase| PhaseName::ALL.iter().position(|p| p == phase)));
         let initial = chain.checkpoint().initial.clone().expect("the picture was looked at");
         let moved = initial.scene.subject.shape.iter().any(|c| *c != 0.0);
         (moved, chain.quality(&initial.scene).landmark_rmse)

@@ -6,7 +6,7 @@
 //! tens of standard errors.
 
 use onescan_core::likelihood::ln_normal;
-use onescan_core::proposal::{self, Axis, Branch, FACE, Move, POSE, Part, Surroundings, Table};
+use onescan_core::proposal::{self, Axis, Branch, FACE, Half, Move, POSE, Surroundings, Table};
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 
@@ -171,10 +171,10 @@ fn pose_moves_leave_their_target_invariant() {
 fn color_and_coefficient_moves_leave_their_target_invariant() {
     let color = Move::Color { gain_sd: 0.05, contrast_sd: 0.05, offset_sd: 0.05 };
     assert_invariant("colour", color, None);
-    for part in [Part::Shape, Part::Albedo] {
-        assert_invariant("gaussian", Move::Gaussian { part, sd: 0.4 }, None);
-        assert_invariant("single", Move::Single { part, sd: 1.0 }, None);
-        assert_invariant("caricature", Move::Caricature { part, sd: 0.4 }, None);
+    for half in [Half::Shape, Half::Albedo] {
+        assert_invariant("gaussian", Move::Gaussian { half, sd: 0.4 }, None);
+        assert_invariant("single", Move::Single { half, sd: 1.0 }, None);
+        assert_invariant("caricature", Move::Caricature { half, sd: 0.4 }, None);
     }
 }
 
@@ -189,7 +189,7 @@ fn light_moves_leave_their_target_invariant() {
 
 #[test]
 fn the_whole_face_mixture_without_search_is_a_sampler() {
-    let table = Table::new(&FACE, |branch| !branch.kind.is_search()).unwrap();
+    let table = Table::new(&FACE, |branch| !branch.kind.steers()).unwrap();
     let (worst, _) = drift(&table.branches().collect::<Vec<_>>(), 3_000, 60);
     assert!(worst < 4.5, "drifts by {worst:.1} standard errors");
 }
@@ -202,7 +202,7 @@ fn probabilities_follow_the_tree() {
     };
     assert!((share(&|_| true) - 1.0).abs() < 1e-5);
     assert!((share(&|b| b.name == "colour") - 1.0 / 7.0).abs() < 1e-6);
-    assert!((share(&|b| b.kind.part().is_some()) - 3.0 / 7.0).abs() < 1e-6);
+    assert!((share(&|b| b.kind.half().is_some()) - 3.0 / 7.0).abs() < 1e-6);
     let solve = share(&|b| matches!(b.kind, Move::SolveLight { .. }));
     assert!((solve - 2.0 / 42.0).abs() < 1e-6);
     assert!((share(&|b| b.centre == Some(2)) - 5.0 / 21.0 / 7.0).abs() < 1e-6);

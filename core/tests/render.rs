@@ -9,7 +9,7 @@ use onescan_core::draw::{draw, draw_words};
 use onescan_core::lanes::planes_words;
 use onescan_core::likelihood::background::HISTOGRAM_LEN;
 use onescan_core::likelihood::pixels::{
-    Coverage, Known, Surface, Target, interpolate, residual, target_words,
+    Coverage, Known, Rasterized, Target, interpolate, residual, target_words,
 };
 use onescan_core::memory::Carver;
 use onescan_core::mesh::vertex_normals;
@@ -241,17 +241,18 @@ fn image_likelihood_is_the_twins_and_a_floor_changes_no_decision() {
         let coverage = Coverage::of(&frame, &target);
         let mut vertices = vec![[0.0; 8]; padded(model.vertices())];
         join(instance.normals.iter().copied(), instance.albedo.iter().copied(), &mut vertices);
-        let surface = Surface { frame: &frame, triangles: model.triangles, vertices: &vertices };
+        let rasterized =
+            Rasterized { frame: &frame, triangles: model.triangles, vertices: &vertices };
         let shader = Shader::new(&scene.view);
-        let differ = |known, limit| residual(&surface, known, &shader, &target, limit);
+        let differ = |known, limit| residual(&rasterized, known, &shader, &target, limit);
         let whole = differ(Known::default(), f64::INFINITY).expect("nothing is above ∞");
         let fast = coverage.ln_likelihood(whole, SD);
         assert_eq!(coverage.pixels, covered.iter().filter(|&&c| c > 0.0).count());
         assert!((fast - slow).abs() < 1e-5 * slow.abs().max(1e4), "{fast} is not {slow}");
 
-        interpolate(&surface, Some(normals), albedo);
+        interpolate(&rasterized, Some(normals), albedo);
         let mut again = vec![[[f32::NAN; LANES]; 3]; albedo.len()];
-        interpolate(&surface, None, &mut again);
+        interpolate(&rasterized, None, &mut again);
         let (normals, albedo) = (Some(&*normals), Some(&*albedo));
         let everything = Known { normals, albedo };
         for known in [

@@ -9,7 +9,7 @@ use onescan::photo::tlms::Tlms;
 use onescan_core::chain::{self, Chain, Config, Problem};
 use onescan_core::hash::fnv64;
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
@@ -19,8 +19,8 @@ const HEADER: usize = 16;
 
 fn config() -> Config {
     Config::default().with(|config| {
-        config.landmark_samples = 20;
-        config.samples = 20;
+        config.landmark_steps = 20;
+        config.image_steps = 20;
         config.shape_rank = 3;
         config.albedo_rank = 3;
     })
@@ -73,7 +73,7 @@ fuzz_target!(|data: &[u8]| {
     let config = config();
     let pixels = [[90, 80, 70]; (SIDE * SIDE) as usize];
     let landmarks = [("a", [5.0, 18.0]), ("b", [18.0, 18.0]), ("c", [18.0, 5.0]), ("d", [5.0; 2])]
-        .map(|(name, position)| Observation { name, position });
+        .map(|(name, position)| ObservedLandmark { name, position });
     let image = Image { pixels: &pixels, width: SIDE, height: SIDE };
     let problem = Problem::new(&model, image, &landmarks, &config)
         .with_schedule(chain::Schedule::of(&landmarks))

@@ -4,7 +4,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use onescan::bench::{Stage, Stages, Workload, mode_config, step_to_image};
 use onescan::simd;
-use onescan_core::chain::{self, Chain, Config};
+use onescan_core::chain::{Chain, Config, PhaseName};
 use onescan_core::lanes::LANES;
 use onescan_core::naive;
 use onescan_core::rng::Rng;
@@ -23,13 +23,13 @@ fn stages(criterion: &mut Criterion) {
     }
 
     let config = Config::default().with(|config| {
-        config.samples = u32::MAX;
+        config.image_steps = u32::MAX;
     });
-    let (model, landmarks) = (workload.model.view(), workload.observations());
+    let (model, landmarks) = (workload.model.view(), workload.observed());
     let problem = workload.problem(&model, &landmarks, &config);
     let mut memory = vec![0; problem.dimensions().words()];
     let mut chain = Chain::new(problem, 7, 0, &mut memory).expect("landmarks of the model");
-    while chain.stage() == chain::Stage::Landmarks && chain.step().is_some() {}
+    while chain.phase() == PhaseName::Landmarks && chain.step().is_some() {}
     let mut group = criterion.benchmark_group("step");
     group.bench_function("fast", |b| b.iter(|| step_to_image(&mut chain)));
     group.bench_function("naive", |b| {
@@ -95,7 +95,7 @@ fn equations(criterion: &mut Criterion) {
 fn mode(criterion: &mut Criterion) {
     let workload = Workload::new(&mut |_| ()).expect("built in");
     let config = mode_config(Config::default().shape_rank);
-    let (model, landmarks) = (workload.model.view(), workload.observations());
+    let (model, landmarks) = (workload.model.view(), workload.observed());
     let problem = workload.problem(&model, &landmarks, &config);
     let mut memory = vec![0; search::words(&problem, &Options::default())];
     let mut group = criterion.benchmark_group("search");

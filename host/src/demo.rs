@@ -45,17 +45,17 @@ pub const FIT_LANDMARKS: [&str; 16] = [
 /// The template as a mesh with its landmarks.
 ///
 /// # Errors
-/// None: the bytes are built in.
+/// Never: the bytes are built in.
 pub fn template() -> Result<(Mesh, Vec<Landmark>)> {
     let mesh = ply::parse(TEMPLATE).map_err(Error::new)?;
     let landmarks = landmarks::parse(LANDMARKS, &mesh.points, 1.0)?;
     Ok((mesh, landmarks))
 }
 
-/// The symmetric-full model of the template, of the given rank each.
+/// The symmetric-full model of the template, with `rank` components each of shape and of albedo.
 ///
 /// # Errors
-/// None: the bytes are built in.
+/// Never: the bytes are built in.
 pub fn template_model(rank: usize, progress: &mut Progress<'_>) -> Result<BuiltModel> {
     let (mesh, landmarks) = template()?;
     let options = BuildOptions {
@@ -86,7 +86,7 @@ pub struct Subject {
 /// The demo's photos: two of people, and one of a rendered face turned by 30°.
 ///
 /// # Errors
-/// None: the bytes are built in.
+/// Never: the bytes are built in.
 pub fn subjects(seed: u64) -> Result<Vec<Subject>> {
     let photo = |name, about, file, bytes: &[u8], tlms| {
         Ok::<_, Error>(Subject {
@@ -165,6 +165,7 @@ pub fn synthetic_photo(
     landmarks: &[&str],
     rng: &mut Rng,
 ) -> Result<(Picture, Tlms)> {
+    // Pixels: about how far those that are set by hand are off (docs/landmarks.md).
     const LANDMARK_ERROR: f32 = 2.0;
     let [width, height] = scene.view.camera.image_size;
     let phase: [f32; 3] = std::array::from_fn(|_| rng.uniform() as f32 * 6.0);

@@ -18,8 +18,8 @@ pub fn has_extension(path: &Path, among: &[&str]) -> bool {
         .any(|e| name.strip_suffix(e).is_some_and(|rest| rest.len() > 1 && rest.ends_with('.')))
 }
 
-/// Files that are named, and those of directories that are: of these in the order of their names the
-/// ones with such an extension.
+/// The files among `places`, and of each directory among them the files with one of the extensions, in the
+/// order of their names.
 ///
 /// # Errors
 /// A directory that cannot be read or has none; `none` says what is missing, and the mend.
@@ -46,7 +46,8 @@ pub fn listed(places: &[PathBuf], among: &[&str], none: &str) -> Result<Vec<Path
     Ok(paths)
 }
 
-/// Most bytes that are read of what is no file, whose length is not known before: a pipe, a device.
+/// Most bytes that are read of what is no file, whose length is not known before: a pipe, a device. Chosen,
+/// not measured.
 const MOST_STREAMED: u64 = 1 << 30;
 
 /// Reads a file, or what a pipe or a device gives.
@@ -225,12 +226,13 @@ pub fn write_atomically(
     write().map_err(|e| fault(path, &e))
 }
 
-/// Writes the files of one result into a directory, all of them or none. The last is the one by which
-/// others know that a result is there: what is to be `gone` of an older result, and the older one's
-/// last file, are removed before the first file gets its name.
+/// Writes the files of one result into a directory, all of them or none. By the last file others know that a
+/// result is there. Before the first file gets its name, an older result's last file is removed, and what is to
+/// be `gone` of that result.
 ///
 /// # Errors
-/// As [`write_atomically`]; then the older result is still whole, unless names could not be given.
+/// As [`write_atomically`]. The older result is then still whole, unless a finished file could not get its
+/// name.
 #[cfg(feature = "full")]
 pub fn publish(
     directory: &Path,

@@ -1,7 +1,25 @@
 //! 3D morphable models from a single 3D scan: build, sample, render, fit.
 //!
 //! The inference itself lives in [`onescan_core`], which knows neither heap nor files. This crate
-//! is what surrounds it on a computer:
+//! is what surrounds it on a computer, and the command `onescan`.
+//!
+//! # Where to begin
+//!
+//! | task | item |
+//! |---|---|
+//! | read a scan | [`scan::mesh_file::read`] |
+//! | build a model of it | [`model::build::build`], with [`Kernels`](model::kernel::Kernels) |
+//! | read and write models, also other programs' | [`model_file::OwnedModel`], [`interchange::read`], [`interchange::write`] |
+//! | draw random faces | [`render::random_coefficients`], [`render::instance`] |
+//! | find the landmarks of a photo | [`face_mesh::Detector`] |
+//! | fit a model to a photo | [`fit::Job`], [`fit::find_mode`] |
+//! | say how well the fit is known | [`posterior::sample`] |
+//! | write a fit's meshes, pictures and report | [`fit::output::finish`], [`fit::output::write`] |
+//! | draw a model or a fit | [`render::portrait`], [`render::smooth_on`] |
+//! | register a model to a scan | [`registration::register`] |
+//! | say who is in a photo | [`recognition::fits::Fits`], [`recognition::scores::Score`] |
+//!
+//! # Rooms
 //!
 //! | step | room |
 //! |---|---|
@@ -14,6 +32,8 @@
 //! | model + scene → picture, mesh | [`render`] |
 //! | fit + photo → texture | [`texture`] |
 //! | model + picture → fitted scene, and the files about it | [`fit`] |
+//! | photo or scan → a face's landmarks | [`face_mesh`] |
+//! | mode → samples of the posterior around it | [`posterior`] |
 //! | fits, measures → pages | [`report`] |
 //! | fits → who it is | [`recognition`] |
 //! | model + scan → registered mesh | [`registration`] |

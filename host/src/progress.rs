@@ -81,9 +81,9 @@ fn left(elapsed: Duration, done: u64, total: u64) -> Duration {
 }
 
 impl Task {
-    /// Between plain lines.
+    /// Time between plain lines.
     const PLAIN_INTERVAL: Duration = Duration::from_secs(5);
-    /// Of a stage.
+    /// What took as long, or longer, is told.
     const WORTH_TELLING: Duration = Duration::from_secs(1);
 
     /// The task has come to `done` units.

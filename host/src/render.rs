@@ -83,8 +83,8 @@ pub fn smooth_on(model: &Model<'_>, scene: &Scene, ground: [u8; 3]) -> Picture {
     smooth_over(model, scene, &background).unwrap_or(background)
 }
 
-/// The inverse distance (1/mm) of what the camera sees of the model at each of its pixels, row by row; 0
-/// where that is nothing.
+/// The inverse distance (1/mm) of what the camera sees of the model at each pixel, row by row; 0 where it
+/// sees nothing of it.
 pub fn inverse_distances(model: &Model<'_>, scene: &Scene) -> Vec<f32> {
     let [width, height] = scene.view.camera.image_size.map(|side| side as usize);
     let mut distances = vec![0.0; width * height];
@@ -121,7 +121,7 @@ pub(crate) fn visible<T>(
     Some(look(&frame))
 }
 
-/// Draws a mesh over a plain colour, with smooth edges. `scene` gives everything but the coefficients.
+/// Draws a mesh over a plain colour, with smooth edges. The scene's coefficients are not looked at.
 ///
 /// # Errors
 /// A mesh that breaks its guarantees.
@@ -162,7 +162,8 @@ pub fn resize_camera(camera: &Camera, size: [u32; 2]) -> Camera {
 }
 
 /// The camera that sees in a picture resampled to another size, [`Picture::resized`], what `camera` sees
-/// in the picture before: `x' = (x + ½)·s − ½`, so `c' = c + (s − 1)/W'`, and for y down the contrary.
+/// in the picture before: `x' = (x + ½)·s − ½`, so `c' = c + (s − 1)/W'`, and the other sign for y,
+/// which points down in pictures.
 pub fn resampled_camera(camera: &Camera, size: [u32; 2]) -> Camera {
     let shift = |i: usize| {
         let [old, new] = [camera.image_size[i], size[i]].map(|side| side.max(1) as f32);
@@ -189,7 +190,7 @@ pub fn portrait(model: &Model<'_>, size: [u32; 2], yaw: f32, pitch: f32) -> Scen
     centered(centre, half, size, [yaw, pitch])
 }
 
-/// The same of what lies about a point as far as `half`.
+/// The same for what lies within `half` of a point, mm.
 pub fn centered(centre: [f32; 3], half: f32, size: [u32; 2], [yaw, pitch]: [f32; 2]) -> Scene {
     let mut scene = Scene::initial(size[0], size[1], 0, 0);
     scene.view.pose = Pose { yaw, pitch, ..Pose::AWAY_1M };
@@ -208,13 +209,13 @@ fn field(model: &Model<'_>, basis: &Basis<'_>, coefficients: &[f32]) -> Vec<[f32
     vertices.into_iter().map(|[a, b, c, _]| [a, b, c]).collect()
 }
 
-/// Vertex positions of shape coefficients, in the model's frame.
+/// The vertex positions that shape coefficients give, in the model's frame.
 #[cfg(feature = "full")]
 pub fn points(model: &Model<'_>, shape: &[f32]) -> Vec<[f32; 3]> {
     field(model, &model.shape, shape)
 }
 
-/// The mesh of coefficients: vertex positions in the model's frame, albedo as colours (clamped to
+/// The mesh that coefficients give: vertex positions in the model's frame, albedo as colours (clamped to
 /// `[0, 1]`).
 pub fn instance(model: &Model<'_>, shape: &[f32], albedo: &[f32]) -> Mesh {
     let colors = field(model, &model.albedo, albedo);

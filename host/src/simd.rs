@@ -13,7 +13,7 @@ macro_rules! engine {
             use onescan_core::basis::{Basis, ByVertex, Costs};
             use onescan_core::engine::Engine;
             use onescan_core::least_squares::{self, NormalEquations, add_normal_equations};
-            use onescan_core::likelihood::pixels::{self, Coverage, Known, Surface, Target};
+            use onescan_core::likelihood::pixels::{self, Coverage, Known, Rasterized, Target};
             use onescan_core::mesh;
             use onescan_core::model::Triangles;
             use onescan_core::render::LANES;
@@ -42,11 +42,11 @@ macro_rules! engine {
                     rasterize(triangles, window, frame);
                 },
                 coverage: |frame, target| unsafe { coverage(frame, target) },
-                interpolate: |surface, normals, albedo| unsafe {
-                    interpolate(surface, normals, albedo);
+                interpolate: |rasterized, normals, albedo| unsafe {
+                    interpolate(rasterized, normals, albedo);
                 },
-                residual: |surface, known, shader, target, limit| unsafe {
-                    residual(surface, known, shader, target, limit)
+                residual: |rasterized, known, shader, target, limit| unsafe {
+                    residual(rasterized, known, shader, target, limit)
                 },
                 normal_equations: NormalEquations {
                     add: |batch, equations, matrix, vector| unsafe {
@@ -108,22 +108,22 @@ macro_rules! engine {
 
             #[target_feature(enable = $features)]
             fn interpolate(
-                surface: &Surface<'_, '_>,
+                rasterized: &Rasterized<'_, '_>,
                 normals: Option<&mut [Planes]>,
                 albedo: &mut [Planes],
             ) {
-                pixels::interpolate(surface, normals, albedo);
+                pixels::interpolate(rasterized, normals, albedo);
             }
 
             #[target_feature(enable = $features)]
             fn residual(
-                surface: &Surface<'_, '_>,
+                rasterized: &Rasterized<'_, '_>,
                 known: Known<'_>,
                 shader: &Shader,
                 target: &Target<'_>,
                 limit: f64,
             ) -> Option<f64> {
-                pixels::residual(surface, known, shader, target, limit)
+                pixels::residual(rasterized, known, shader, target, limit)
             }
 
             #[target_feature(enable = $features)]
@@ -173,9 +173,8 @@ pub fn all() -> Vec<&'static Engine> {
 /// Operations in a pass of [`arithmetic`].
 pub const OPERATIONS: usize = 2 * 6 * LANES;
 
-/// Multiplies and adds in registers, as often the one as the other, [`OPERATIONS`] times a pass: the
-/// most that this processor's vectors can do without fused operations, which have other bits.
-/// What comes of it means nothing.
+/// Multiplies and adds in registers, in equal numbers, [`OPERATIONS`] times a pass: the most that this
+/// processor's vectors can do without fused operations, which have other bits. The result means nothing.
 pub fn arithmetic(passes: u32) -> f32 {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {

@@ -7,10 +7,10 @@ use onescan_core::chain::{Chain, Config};
 #[test]
 fn chains_are_the_same_on_every_engine() {
     let workload = Workload::new(&mut |_| ()).unwrap();
-    let (model, landmarks) = (workload.model.view(), workload.observations());
+    let (model, landmarks) = (workload.model.view(), workload.observed());
     let config = Config::default().with(|config| {
-        config.landmark_samples = 300;
-        config.samples = 400;
+        config.landmark_steps = 300;
+        config.image_steps = 400;
     });
     let mut results = Vec::new();
     for engine in simd::all() {

@@ -1,6 +1,6 @@
 //! A fit that JavaScript drives, a step at a time.
 
-use crate::{File, Model, Opened, Photo, Pixels, View};
+use crate::{CoreModel, File, Model, Opened, Photo, Pixels};
 use onescan::error::{Error, Result};
 use onescan::fit::output::{self, Names, PhotoNames};
 use onescan::fit::summary::{Summary, hex};
@@ -348,7 +348,13 @@ fn start(
     })
 }
 
-fn look(model: &View<'_>, photo: Rc<Picture>, landmarks: &str, side: u32, sd: f32) -> Result<Look> {
+fn look(
+    model: &CoreModel<'_>,
+    photo: Rc<Picture>,
+    landmarks: &str,
+    side: u32,
+    sd: f32,
+) -> Result<Look> {
     let landmarks = Tlms::parse(landmarks)?;
     let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
     let size = [photo.width, photo.height];

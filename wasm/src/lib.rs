@@ -9,7 +9,7 @@ mod viewer;
 use onescan::error::{Error, Result};
 use onescan::model_file::OwnedModel;
 use onescan::photo::picture::Picture;
-use onescan_core::model::Model as View;
+use onescan_core::model::Model as CoreModel;
 use self_cell::self_cell;
 use std::rc::Rc;
 use wasm_bindgen::prelude::*;
@@ -19,7 +19,7 @@ self_cell!(
     pub(crate) struct Opened {
         owner: OwnedModel,
         #[covariant]
-        dependent: View,
+        dependent: CoreModel,
     }
 );
 
@@ -36,7 +36,7 @@ impl Model {
     #[wasm_bindgen(constructor)]
     pub fn new(bytes: &[u8]) -> Result<Model, JsError> {
         let opened = Opened::try_new(OwnedModel::from_bytes(bytes)?, |owner| {
-            View::new_checked(owner.bytes()).map_err(Error::new)
+            CoreModel::new_checked(owner.bytes()).map_err(Error::new)
         })?;
         Ok(Self(Rc::new(opened)))
     }
@@ -71,7 +71,7 @@ impl Model {
         self.view().provenance().to_owned()
     }
 
-    fn view(&self) -> &View<'_> {
+    fn view(&self) -> &CoreModel<'_> {
         self.0.borrow_dependent()
     }
 }

@@ -14,7 +14,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 
 /// Builds the library (which writes its header) and runs the programs.
 pub(crate) fn check() -> Outcome {
-    // Not of the workspace, so no other stage looks at it.
+    // Not of the workspace, so no other check looks at it.
     let (crate_, place) = (root().join("c"), target().join("c"));
     sh(cargo(["fmt", "--check"]).current_dir(&crate_))?;
     let clippy = ["clippy", "--quiet", "--release", "--target-dir"];

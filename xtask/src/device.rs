@@ -79,7 +79,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 
 /// Builds, runs, compares.
 pub(crate) fn check() -> Outcome {
-    // Not of the workspace, so no other stage looks at it.
+    // Not of the workspace, so no other check looks at it.
     sh(cargo(["fmt", "--check"]).current_dir(root().join("tests/device")))?;
     if output(&mut command(EMULATOR, ["--version"])).is_err() {
         install(&[EMULATOR])?;

@@ -9,30 +9,30 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread::spawn;
 use std::time::{Duration, Instant};
 
-/// What a stage that hangs is stopped after: several times what the longest takes.
+/// What a check that hangs is stopped after: several times what the longest takes.
 const LIMIT: Duration = Duration::from_secs(40 * 60);
 
-struct Stage {
+struct Check {
     name: &'static str,
     run: fn() -> Outcome,
 }
 
 /// Cheap and telling ones first.
-const STAGES: &[Stage] = &[
-    Stage { name: "format", run: || sh(&mut cargo(["fmt", "--all", "--check"])) },
-    Stage { name: "lints", run: lints },
-    Stage { name: "licences", run: deny::check },
-    Stage { name: "packages", run: package::check },
-    Stage { name: "docs", run: docs },
-    Stage { name: "no std", run: no_std::check },
-    Stage { name: "tests", run: || sh(&mut cargo(["test", "--workspace", "--release"])) },
-    Stage { name: "determinism", run: determinism::check },
-    Stage { name: "HDF5", run: hdf5::check },
-    Stage { name: "scale", run: scale::check },
-    Stage { name: "C", run: c::check },
-    Stage { name: "device", run: device::check },
-    Stage { name: "browser", run: page::check },
-    Stage { name: "demo", run: demo },
+const CHECKS: &[Check] = &[
+    Check { name: "format", run: || sh(&mut cargo(["fmt", "--all", "--check"])) },
+    Check { name: "lints", run: lints },
+    Check { name: "licences", run: deny::check },
+    Check { name: "packages", run: package::check },
+    Check { name: "docs", run: docs },
+    Check { name: "no std", run: no_std::check },
+    Check { name: "tests", run: || sh(&mut cargo(["test", "--workspace", "--release"])) },
+    Check { name: "determinism", run: determinism::check },
+    Check { name: "HDF5", run: hdf5::check },
+    Check { name: "scale", run: scale::check },
+    Check { name: "C", run: c::check },
+    Check { name: "device", run: device::check },
+    Check { name: "browser", run: page::check },
+    Check { name: "demo", run: demo },
 ];
 
 /// The command.
@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     no_arguments(arguments)?;
     let start = Instant::now();
     let mut times = Vec::new();
-    for Stage { name, run } in STAGES {
+    for Check { name, run } in CHECKS {
         println!("\n=== {name}");
         let start = Instant::now();
         let (done, ended) = channel::<()>();

@@ -1,14 +1,14 @@
 //! The Metropolis–Hastings chain: one step at a time, driven by the caller.
 //!
-//! A fit goes through the phases of its [`Schedule`], as in the paper: of a face, the *landmark* stage
-//! moves the pose alone and looks at the landmarks alone; the *image* stage starts from its best
-//! state, moves everything and looks at the picture. Between them there may be a *shape* stage,
+//! A fit goes through the phases of its [`Schedule`], as in the paper: of a face, the *landmark* phase
+//! moves the pose alone and looks at the landmarks alone; the *image* phase starts from its best
+//! state, moves everything and looks at the picture. Between them there may be a *shape* phase,
 //! which moves pose and shape and looks at the landmarks.
 //!
 //! A proposal passes three tests in turn, each cheaper than the next: landmarks,
 //! prior, image. A test accepts with probability `min(1, ratio of its factor)`; the product of the
 //! three satisfies detailed balance for the product of the factors, and most bad proposals never
-//! cost a rendering. The correction of the proposal density belongs to the first test.
+//! cost a rendering. What corrects for the way a proposal was drawn belongs to the first test.
 
 mod config;
 mod dimensions;
@@ -22,7 +22,7 @@ use crate::likelihood::landmarks::{Landmarks, Points};
 use crate::memory::Carver;
 pub use crate::metropolis::Outcome;
 use crate::metropolis::{self, Factors};
-use crate::proposal::{Branch, CENTRES, MAX_LEAVES, Part, Table, Touched};
+use crate::proposal::{Branch, CENTRES, Half, MAX_LEAVES, Table, Touched};
 use crate::rng::Rng;
 use crate::scene::{Scene, Subject};
 pub use config::Config;
@@ -30,15 +30,15 @@ pub use dimensions::Dimensions;
 use pipeline::{Pipeline, Proposed};
 pub use problem::{ChainError, Photo, Problem};
 use schedule::{Begin, IMAGE, MAX_PHASES, Phase};
-pub use schedule::{Schedule, Stage};
+pub use schedule::{PhaseName, Schedule};
 use serde::{Deserialize, Serialize};
 use target::{LnFactors, Mixture, Posterior};
 
 /// One step of the chain.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    /// The stage it belongs to.
-    pub stage: Stage,
+    /// The phase it belongs to.
+    pub phase: PhaseName,
     /// Which leaf of the phase's [`Table`] made the proposal.
     pub branch: usize,
     /// What became of it.
@@ -91,7 +91,7 @@ pub struct Tally {
 
 type Tallies = heapless::Vec<Tally, MAX_LEAVES>;
 
-/// Everything a chain has to remember; the rest of its memory follows from it. A chain resumed
+/// Everything a chain has to remember; the rest of its memory can be computed from it. A chain resumed
 /// from its checkpoint goes on with the same bits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
@@ -246,21 +246,20 @@ impl<'a, 'w> Chain<'a, 'w> {
         let centres = CENTRES.map(|name| landmarks.iter().position(|l| l.name == name));
         let scene = &progress.state.scene;
         let applies = |branch: &Branch| {
-            let rank = match branch.kind.part() {
-                Some(Part::Shape) => scene.subject.shape.len(),
-                Some(Part::Albedo) => scene.subject.albedo.len(),
+            let rank = match branch.kind.half() {
+                Some(Half::Shape) => scene.subject.shape.len(),
+                Some(Half::Albedo) => scene.subject.albedo.len(),
                 None => 1,
             };
             rank > 0
                 && branch.centre.is_none_or(|c| centres.get(c).is_some_and(Option::is_some))
-                && (config.search || !branch.kind.is_search())
+                && (config.solve_light || !branch.kind.steers())
         };
         let mut tables = heapless::Vec::new();
         for phase in problem.schedule.phases {
-            // What searches looks at the picture.
+            // What steers looks at the picture.
             let may_look = phase.factors & IMAGE != 0;
-            let applies =
-                |branch: &Branch| applies(branch) && (may_look || !branch.kind.is_search());
+            let applies = |branch: &Branch| applies(branch) && (may_look || !branch.kind.steers());
             let table = Table::new(phase.moves, applies).ok_or(ChainError::Schedule)?;
             tables.push(table).map_err(|_| ChainError::Schedule)?;
         }
@@ -292,7 +291,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     pub fn step(&mut self) -> Option<Step> {
         let Problem { schedule, config, .. } = self.target.problem;
         let number = usize::from(self.progress.phase);
-        let phase = self.phase()?;
+        let phase = self.current()?;
         let end = (phase.steps)(config);
         if self.progress.step >= end {
             return None;
@@ -309,11 +308,11 @@ impl<'a, 'w> Chain<'a, 'w> {
         if self.progress.step == end && number + 1 < schedule.phases.len() {
             self.enter(schedule.next(number + 1, config));
         }
-        Some(Step { stage: phase.stage, branch, outcome })
+        Some(Step { phase: phase.name, branch, outcome })
     }
 
     /// The current phase.
-    fn phase(&self) -> Option<&'a Phase> {
+    fn current(&self) -> Option<&'a Phase> {
         self.target.problem.schedule.phase(self.progress.phase)
     }
 
@@ -350,7 +349,7 @@ impl<'a, 'w> Chain<'a, 'w> {
     fn enter(&mut self, next: usize) {
         self.progress.phase = next as u8;
         self.progress.step = 0;
-        if self.phase().is_some_and(|phase| phase.begin == Begin::Best) {
+        if self.current().is_some_and(|phase| phase.begin == Begin::Best) {
             self.progress.state.clone_from(&self.progress.best);
         }
         self.progress.state.density = self.evaluate_current();
@@ -366,7 +365,7 @@ impl<'a, 'w> Chain<'a, 'w> {
         Density::of(self.target.begin(&self.progress.state.scene, looked_at))
     }
 
-    /// All densities of a hypothesis, from scratch. The chain's state stays.
+    /// All densities of a hypothesis, computed from scratch. The chain's state stays as it is.
     pub fn evaluate(&mut self, scene: &Scene) -> Density {
         let looked_at = self.looked_at();
         Density::of(self.target.evaluate(scene, looked_at))
@@ -374,7 +373,7 @@ impl<'a, 'w> Chain<'a, 'w> {
 
     /// The factors that the current phase looks at.
     fn looked_at(&self) -> Factors {
-        self.phase().map_or(0, |phase| phase.factors)
+        self.current().map_or(0, |phase| phase.factors)
     }
 
     /// What to save to go on later.
@@ -405,21 +404,20 @@ impl<'a, 'w> Chain<'a, 'w> {
         (before.saturating_add(self.progress.step), all)
     }
 
-    /// The stage of the next step.
-    pub fn stage(&self) -> Stage {
-        self.phase().map_or(Stage::Image, |phase| phase.stage)
+    /// The phase of the next step.
+    pub fn phase(&self) -> PhaseName {
+        self.current().map_or(PhaseName::Image, |phase| phase.name)
     }
 
-    /// Acceptance per leaf of a stage; of none, if the schedule has no such stage.
-    pub fn tallies(&self, stage: Stage) -> impl Iterator<Item = (Branch, Tally)> {
+    /// Acceptance per leaf of a phase; of none, if the schedule has no such phase.
+    pub fn tallies(&self, name: PhaseName) -> impl Iterator<Item = (Branch, Tally)> {
         let phases = self.target.problem.schedule.phases.iter().zip(&self.tables);
         let phases = phases.zip(&self.progress.tallies);
-        let of_stage = phases.filter(move |((phase, _), _)| phase.stage == stage);
-        of_stage.flat_map(|((_, table), tallies)| table.branches().zip(tallies.iter().copied()))
+        let of_name = phases.filter(move |((phase, _), _)| phase.name == name);
+        of_name.flat_map(|((_, table), tallies)| table.branches().zip(tallies.iter().copied()))
     }
 
-    /// Fit of a hypothesis to the picture and the landmarks. Overwrites nothing of the chain's
-    /// state.
+    /// How well a hypothesis fits the picture and the landmarks. The chain's state stays as it is.
     pub fn quality(&mut self, scene: &Scene) -> Quality {
         let points = self.target.landmarks.points(&scene.subject.shape);
         let new = Proposed { problem: self.target.problem, scene, touched: Touched::ALL };

@@ -5,7 +5,7 @@ use super::problem::Problem;
 use crate::basis::padded;
 use crate::lanes::Planes;
 use crate::light::{self, Light, LitPoint};
-use crate::likelihood::pixels::{Coverage, Known, Surface, Target};
+use crate::likelihood::pixels::{Coverage, Known, Rasterized, Target};
 use crate::math;
 use crate::memory::{Carver, Slots};
 use crate::model::Triangles;
@@ -147,7 +147,7 @@ impl<'w> Pipeline<'w> {
     /// Squared colour differences of what [`Pipeline::update`] computed; `None` if above `limit`.
     fn residual(&mut self, new: &Proposed<'_, '_>, limit: f64) -> Option<f64> {
         let &Proposed { problem: Problem { model, engine, .. }, scene, touched } = new;
-        let surface = Surface {
+        let rasterized = Rasterized {
             frame: self.frame.pick(touched.geometry),
             triangles: model.triangles,
             vertices: self.attributes.pick(touched.shape || touched.albedo),
@@ -157,7 +157,7 @@ impl<'w> Pipeline<'w> {
             if touched == Touched::COLOR {
                 if self.stale > Stale::Nothing {
                     let normals = (self.stale == Stale::Everything).then_some(&mut *pixels.normals);
-                    (engine.interpolate)(&surface, normals, pixels.albedo);
+                    (engine.interpolate)(&rasterized, normals, pixels.albedo);
                     self.stale = Stale::Nothing;
                 }
                 known.albedo = Some(pixels.albedo);
@@ -166,7 +166,7 @@ impl<'w> Pipeline<'w> {
                 known.normals = Some(pixels.normals);
             }
         }
-        (engine.residual)(&surface, known, &Shader::new(&scene.view), &self.target, limit)
+        (engine.residual)(&rasterized, known, &Shader::new(&scene.view), &self.target, limit)
     }
 
     /// Number of covered pixels and pixel error of what [`Pipeline::update`] computed.

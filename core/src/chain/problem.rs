@@ -5,7 +5,7 @@ use super::dimensions::Dimensions;
 use super::schedule::Schedule;
 use crate::engine::Engine;
 use crate::image::Image;
-use crate::likelihood::landmarks::{MAX_LANDMARKS, Observation};
+use crate::likelihood::landmarks::{MAX_LANDMARKS, ObservedLandmark};
 use crate::model::Model;
 use crate::scene::MAX_RANK;
 use core::fmt;
@@ -17,16 +17,16 @@ pub struct Photo<'a> {
     /// The picture.
     pub image: Image<'a>,
     /// Landmarks in the picture, at least one.
-    pub landmarks: &'a [Observation<'a>],
-    /// Where the face may be seen, if that is known: 255 of a pixel that may show it, 0 of one that
-    /// cannot, in between a part of its weight; row by row, as many as the picture has. A chain
-    /// takes all it covers for the face.
+    pub landmarks: &'a [ObservedLandmark<'a>],
+    /// Where the face may be seen, if that is known: one number per pixel, row by row, from 255 for a pixel
+    /// that may show the face to 0 for one that cannot; a pixel in between has a part of its weight. Only a
+    /// search looks at it: a chain takes every pixel that the model covers for the face.
     pub open: Option<&'a [u8]>,
 }
 
 impl<'a> Photo<'a> {
     /// A photo that may show the face anywhere.
-    pub const fn new(image: Image<'a>, landmarks: &'a [Observation<'a>]) -> Self {
+    pub const fn new(image: Image<'a>, landmarks: &'a [ObservedLandmark<'a>]) -> Self {
         Self { image, landmarks, open: None }
     }
 
@@ -81,11 +81,11 @@ pub struct Problem<'a> {
     pub model: &'a Model<'a>,
     /// The photo.
     pub photo: Photo<'a>,
-    /// How.
+    /// How it is fitted.
     pub config: &'a Config,
-    /// In what phases.
+    /// The phases of a chain.
     pub schedule: &'a Schedule,
-    /// Who does the expensive work; [`Engine::PORTABLE`] if in doubt.
+    /// What computes the expensive stages; [`Engine::PORTABLE`] if in doubt.
     pub engine: &'a Engine,
     /// Whether memory is scarcer than time. The chain then takes less than half the memory: a
     /// rejected proposal's stages are computed again when they are wanted. Same bits.
@@ -121,11 +121,11 @@ impl<'a> Problem<'a> {
         Ok(())
     }
 
-    /// A face, with [`Engine::PORTABLE`], and memory enough.
+    /// A face in a photo, with [`Schedule::FACE`] and [`Engine::PORTABLE`], and not lean.
     pub const fn new(
         model: &'a Model<'a>,
         image: Image<'a>,
-        landmarks: &'a [Observation<'a>],
+        landmarks: &'a [ObservedLandmark<'a>],
         config: &'a Config,
     ) -> Self {
         let (schedule, engine) = (&Schedule::FACE, Engine::PORTABLE);
@@ -133,13 +133,13 @@ impl<'a> Problem<'a> {
         Self { model, photo, config, schedule, engine, lean: false }
     }
 
-    /// The same in other phases; [`Schedule::of`] the landmarks if it need not be a face.
+    /// The same with other phases: [`Schedule::of`] chooses them by the landmarks, if it need not be a face.
     #[must_use]
     pub const fn with_schedule(self, schedule: &'a Schedule) -> Self {
         Self { schedule, ..self }
     }
 
-    /// The same, the expensive work done by `engine`.
+    /// The same, its expensive stages computed by `engine`.
     #[must_use]
     pub const fn with_engine(self, engine: &'a Engine) -> Self {
         Self { engine, ..self }

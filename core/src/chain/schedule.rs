@@ -1,16 +1,17 @@
 //! The course of a fit as data: which moves, judged by what, how often, and from where.
 
 use super::config::Config;
-use crate::likelihood::landmarks::Observation;
+use crate::likelihood::landmarks::ObservedLandmark;
 use crate::metropolis::Factors;
 use crate::proposal::{
     CENTRES, FACE, OBJECT, OBJECT_POSE, OBJECT_POSE_AND_SHAPE, POSE, POSE_AND_SHAPE, Tree,
 };
 use serde::{Deserialize, Serialize};
 
-/// The stages of a fit, as reports name them.
+/// The phases of a fit, as reports name them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Stage {
+#[serde(rename_all = "lowercase")]
+pub enum PhaseName {
     /// Pose by landmarks.
     Landmarks,
     /// Pose and shape by landmarks.
@@ -19,8 +20,8 @@ pub enum Stage {
     Image,
 }
 
-impl Stage {
-    /// In order.
+impl PhaseName {
+    /// All of them, in order.
     pub const ALL: [Self; 3] = [Self::Landmarks, Self::Shape, Self::Image];
 }
 
@@ -44,15 +45,15 @@ pub enum Begin {
 #[derive(Clone, Copy, Debug)]
 pub struct Phase {
     /// What reports call it.
-    pub stage: Stage,
-    /// What may be done. Of the tree's moves those apply that the problem has parameters,
-    /// landmarks and, [`Factors`] permitting, a picture for.
+    pub name: PhaseName,
+    /// What may be done. Moves are left out for which the problem has no coefficients or no landmark, and, if
+    /// the phase does not look at the picture, those that need one.
     pub moves: &'static Tree,
-    /// What judges it.
+    /// Which factors judge a proposal.
     pub factors: Factors,
-    /// How often: 0 skips the phase, unless it is the last.
+    /// How many steps it has: 0 skips the phase, unless it is the last.
     pub steps: fn(&Config) -> u32,
-    /// From where.
+    /// Where it begins.
     pub begin: Begin,
 }
 
@@ -62,16 +63,16 @@ pub const MAX_PHASES: usize = 3;
 /// The phases of a fit, in order.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
-    /// What it is for.
+    /// What it is for, `"face"` or `"object"`.
     pub name: &'static str,
-    /// At least one, at most [`MAX_PHASES`]; their stages differ.
+    /// At least one, at most [`MAX_PHASES`]; their names differ.
     pub phases: &'static [Phase],
 }
 
 impl Schedule {
-    /// Of a face, as in the paper: the pose by the landmarks; everything by the picture. Rotations hold
-    /// a landmark of [`CENTRES`] in place. Between the two there may be a phase that moves pose and
-    /// shape by the landmarks.
+    /// The phases of a face, as in the paper: first the pose by the landmarks, at last everything by the
+    /// picture. Between the two there may be one that moves pose and shape by the landmarks. Moves of the
+    /// pose hold a landmark of [`CENTRES`] in place.
     pub const FACE: Self = Self {
         name: "face",
         phases: &[
@@ -81,7 +82,7 @@ impl Schedule {
         ],
     };
 
-    /// Of anything else: the same phases, without landmarks that are held in place. The phase of
+    /// The same phases for anything else, without landmarks that are held in place. The phase of
     /// the shape is for objects whose template is far from what the picture shows.
     pub const OBJECT: Self = Self {
         name: "object",
@@ -94,7 +95,7 @@ impl Schedule {
 
     /// [`Schedule::FACE`] if any of its centres, [`CENTRES`], is among the observed landmarks,
     /// [`Schedule::OBJECT`] otherwise: nothing else tells a face from other things.
-    pub fn of(landmarks: &[Observation<'_>]) -> &'static Self {
+    pub fn of(landmarks: &[ObservedLandmark<'_>]) -> &'static Self {
         let face = landmarks.iter().any(|landmark| CENTRES.contains(&landmark.name));
         if face { &Self::FACE } else { &Self::OBJECT }
     }
@@ -118,26 +119,26 @@ impl Schedule {
 }
 
 const LANDMARK_PHASE: Phase = Phase {
-    stage: Stage::Landmarks,
+    name: PhaseName::Landmarks,
     moves: &POSE,
     factors: LANDMARKS | PRIOR,
-    steps: |config| config.landmark_samples,
+    steps: |config| config.landmark_steps,
     begin: Begin::Best,
 };
 
 const SHAPE_PHASE: Phase = Phase {
-    stage: Stage::Shape,
+    name: PhaseName::Shape,
     moves: &POSE_AND_SHAPE,
     factors: LANDMARKS | PRIOR,
-    steps: |config| config.shape_samples,
+    steps: |config| config.shape_steps,
     begin: Begin::Best,
 };
 
 const IMAGE_PHASE: Phase = Phase {
-    stage: Stage::Image,
+    name: PhaseName::Image,
     moves: &FACE,
     factors: LANDMARKS | PRIOR | IMAGE,
-    steps: |config| config.samples,
+    steps: |config| config.image_steps,
     begin: Begin::Best,
 };
 
@@ -147,10 +148,10 @@ mod tests {
 
     #[test]
     fn phases_without_steps_are_skipped_but_for_the_last() {
-        let config = |landmark_samples, shape_samples, samples| Config {
-            landmark_samples,
-            shape_samples,
-            samples,
+        let config = |landmark_steps, shape_steps, image_steps| Config {
+            landmark_steps,
+            shape_steps,
+            image_steps,
             ..Config::default()
         };
         assert_eq!(Schedule::FACE.next(0, &config(0, 0, 9)), 2);
@@ -162,7 +163,7 @@ mod tests {
 
     #[test]
     fn one_centre_makes_a_face() {
-        let at = |name| Observation { name, position: [0.0; 2] };
+        let at = |name| ObservedLandmark { name, position: [0.0; 2] };
         assert_eq!(Schedule::of(&[at("fin"), at(CENTRES[3])]).name, "face");
         assert_eq!(Schedule::of(&[at("fin")]).name, "object");
     }

@@ -121,7 +121,7 @@ impl<'a, 'w> Moves<Posterior<'a, 'w>> for Mixture<'_> {
         rng: &mut Rng,
     ) -> Option<Drawn<Touched>> {
         let branch = self.0.branch(leaf)?;
-        if branch.kind.is_search() {
+        if branch.kind.steers() {
             target.pipeline.restore(target.problem, scene, Touched::COLOR);
         }
         // The correction counts at the first test: it costs least there.

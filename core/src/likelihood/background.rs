@@ -1,6 +1,6 @@
 //! Background model: the picture's own colour histogram (Schönborn et al. 2015).
 
-/// Bins per channel.
+/// Bins per channel, the reference engine's.
 pub const BINS: usize = 25;
 /// Bins of the whole histogram.
 pub const HISTOGRAM_LEN: usize = BINS * BINS * BINS;

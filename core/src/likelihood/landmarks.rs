@@ -6,7 +6,7 @@ use crate::memory::Carver;
 use crate::model::Model;
 use crate::scene::{Scene, View};
 
-/// The most landmarks an observation may have.
+/// The most landmarks of a photo: room for the template's 42 and some more.
 pub const MAX_LANDMARKS: usize = 64;
 
 /// Model-frame positions of the observed landmarks, mm.
@@ -14,7 +14,7 @@ pub type Points = heapless::Vec<[f32; 3], MAX_LANDMARKS>;
 
 /// Where a named landmark of the model is in the picture, window pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Observation<'a> {
+pub struct ObservedLandmark<'a> {
     /// Name as in the model.
     pub name: &'a str,
     /// `(u, v)`, y down; pixel `(x, y)` is the point `(x, y)`.
@@ -32,7 +32,7 @@ fn row_len(rank: usize) -> usize {
 }
 
 /// An observed landmark: model point, how it follows the coefficients, and observed minus model position.
-pub(crate) struct LandmarkSample<'l> {
+pub(crate) struct LandmarkResidual<'l> {
     /// Model-frame position.
     pub(crate) point: [f32; 3],
     /// Per component.
@@ -58,14 +58,14 @@ impl<'w> Landmarks<'w> {
     pub fn gather(
         carver: &mut Carver<'w>,
         model: &Model<'_>,
-        observations: &[(u32, [f32; 2])],
+        landmarks: &[(u32, [f32; 2])],
         rank: usize,
         sd: f32,
     ) -> Option<Self> {
-        let rows = carver.floats(rows_words(observations.len(), rank))?.as_chunks_mut().0;
+        let rows = carver.floats(rows_words(landmarks.len(), rank))?.as_chunks_mut().0;
         let rank = rank.min(model.shape.rank());
         let mut observed = heapless::Vec::new();
-        for (row, &(vertex, position)) in rows.chunks_exact_mut(row_len(rank)).zip(observations) {
+        for (row, &(vertex, position)) in rows.chunks_exact_mut(row_len(rank)).zip(landmarks) {
             let vertex = vertex as usize;
             if vertex >= model.vertices() {
                 return None;
@@ -136,16 +136,16 @@ impl<'w> Landmarks<'w> {
     }
 
     /// The landmarks and how far off they are, given their model-frame positions.
-    pub(crate) fn samples(
+    pub(crate) fn residuals(
         &self,
         view: &View,
         points: &Points,
-    ) -> impl Iterator<Item = LandmarkSample<'_>> {
+    ) -> impl Iterator<Item = LandmarkResidual<'_>> {
         let rows = self.rows.chunks_exact(row_len(self.rank));
         points.iter().zip(&self.observed).zip(rows).map(|((&point, observed), row)| {
             let (u, v, _) = view.camera.project(view.pose.to_world(point));
             let components = row.get(1..).unwrap_or_default();
-            LandmarkSample { point, components, residual: [observed[0] - u, observed[1] - v] }
+            LandmarkResidual { point, components, residual: [observed[0] - u, observed[1] - v] }
         })
     }
 }

@@ -115,7 +115,7 @@ impl Coverage {
         self.pixels as f64 * ln_normaliser(sd) - self.ln_background - residual / (2.0 * sd * sd)
     }
 
-    /// The residual at which the log likelihood is `floor`.
+    /// The residual at which the log likelihood is `floor`: a larger one is less likely than that.
     pub fn limit(&self, floor: f64, sd: f32) -> f64 {
         let sd = f64::from(sd);
         (self.ln_likelihood(0.0, sd as f32) - floor) * (2.0 * sd * sd)
@@ -127,8 +127,8 @@ impl Coverage {
     }
 }
 
-/// A visible surface.
-pub struct Surface<'s, 'w> {
+/// A mesh as it was rasterized.
+pub struct Rasterized<'s, 'w> {
     /// What is visible where.
     pub frame: &'s Frame<'w>,
     /// The mesh's faces.
@@ -137,7 +137,7 @@ pub struct Surface<'s, 'w> {
     pub vertices: &'s [Attributes],
 }
 
-/// Normals and albedo of a surface at every pixel of the picture, as far as they are known.
+/// Normals and albedo of a mesh at every pixel of the picture, as far as they are known.
 #[derive(Clone, Copy, Default)]
 pub struct Known<'s> {
     /// Unit normals, model frame.
@@ -146,23 +146,23 @@ pub struct Known<'s> {
     pub albedo: Option<&'s [Planes]>,
 }
 
-/// Interpolates a surface's normals, if given a place for them, and its albedo.
+/// Interpolates a mesh's normals, if given a place for them, and its albedo.
 #[inline(always)]
 pub fn interpolate(
-    surface: &Surface<'_, '_>,
+    rasterized: &Rasterized<'_, '_>,
     normals: Option<&mut [Planes]>,
     albedo: &mut [Planes],
 ) {
-    match surface.triangles {
-        Triangles::U16(t) => interpolate_of(t, surface, normals, albedo),
-        Triangles::U32(t) => interpolate_of(t, surface, normals, albedo),
+    match rasterized.triangles {
+        Triangles::U16(t) => interpolate_of(t, rasterized, normals, albedo),
+        Triangles::U32(t) => interpolate_of(t, rasterized, normals, albedo),
     }
 }
 
 #[inline(always)]
 fn interpolate_of<I: Index>(
     triangles: &[[I; 3]],
-    &Surface { frame, vertices, .. }: &Surface<'_, '_>,
+    &Rasterized { frame, vertices, .. }: &Rasterized<'_, '_>,
     mut normals: Option<&mut [Planes]>,
     albedo: &mut [Planes],
 ) {
@@ -179,21 +179,21 @@ fn interpolate_of<I: Index>(
     }
 }
 
-/// Sum of squared colour differences between a surface and the picture over the covered pixels,
-/// all channels. What of the surface's attributes is not known is interpolated on the way.
+/// Sum of squared colour differences between a mesh and the picture over the covered pixels,
+/// all channels. What of its attributes is not known is interpolated on the way.
 ///
 /// Gives up with `None` as soon as the sum is certain to exceed `limit`: differences only add up.
 #[inline(always)]
 pub fn residual(
-    surface: &Surface<'_, '_>,
+    rasterized: &Rasterized<'_, '_>,
     known: Known<'_>,
     shader: &Shader,
     target: &Target<'_>,
     limit: f64,
 ) -> Option<f64> {
-    match surface.triangles {
-        Triangles::U16(t) => residual_of(t, surface, known, shader, target, limit),
-        Triangles::U32(t) => residual_of(t, surface, known, shader, target, limit),
+    match rasterized.triangles {
+        Triangles::U16(t) => residual_of(t, rasterized, known, shader, target, limit),
+        Triangles::U32(t) => residual_of(t, rasterized, known, shader, target, limit),
     }
 }
 
@@ -204,7 +204,7 @@ const BATCH: usize = 8;
 #[inline(always)]
 fn residual_of<I: Index>(
     triangles: &[[I; 3]],
-    &Surface { frame, vertices, .. }: &Surface<'_, '_>,
+    &Rasterized { frame, vertices, .. }: &Rasterized<'_, '_>,
     known: Known<'_>,
     shader: &Shader,
     target: &Target<'_>,

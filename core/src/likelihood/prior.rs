@@ -27,7 +27,7 @@ pub struct Prior {
 }
 
 impl Default for Prior {
-    /// A portrait taken from about a metre with a camera that hardly falsifies colour.
+    /// A portrait taken from about a metre with a camera that hardly falsifies colour. Chosen, not measured.
     fn default() -> Self {
         Self {
             distance: 1000.0,

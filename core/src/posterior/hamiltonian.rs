@@ -4,8 +4,8 @@
 //! momentum by an angle, which is the exact motion in the normal part, and between turns kicks the
 //! momentum by `−∇Φ` (Beskos, Pinski, Sanz-Serna & Stuart 2011): directions in which `Φ` is
 //! constant, those that the prior decides, cost no accuracy, however many they are. The force need
-//! not be a gradient: any function of the position keeps volumes and can be gone back, and the test at
-//! the end, `exp(H − H')` with `H = E + ½‖p‖²`, makes up for it.
+//! not be a gradient: with any function of the position in its place a trajectory keeps volumes and can be
+//! gone back, and the test at the end, `exp(H − H')` with `H = E + ½‖p‖²`, makes up for the difference.
 
 use super::Unknowns;
 use crate::math;
@@ -54,7 +54,7 @@ impl<F: Field> Target for Density<F> {
     }
 }
 
-/// A trajectory of so many turns of such an angle.
+/// A trajectory: so many turns by this angle.
 #[derive(Clone, Copy, Debug)]
 pub struct Trajectory {
     /// Angle of a turn, radians, below a quarter turn.

@@ -1,17 +1,18 @@
 //! A sampler of the posterior around its mode.
 //!
-//! What is sampled is what the search for the mode lowers, with the points held that the photo shows at
-//! the mode (`search/held.rs`).
+//! What is sampled is the density that the search for the mode climbs, but with those points of the surface
+//! held that the photo shows at the mode (`search/held.rs`).
 //!
 //! States are `x = mode ⊕ u`: a rotation vector about the object's origin, places, logarithms of
 //! focal length and distance, coefficients, light and colours ([`crate::search::unknowns`]). In
-//! `v = U u`, where `A = UᵀU` is about the posterior's precision ([`Metric`]), it is about a standard
-//! normal, and trajectories ([`hamiltonian`]) go from one end of it to the other in a few turns.
+//! `v = U u`, where `A = UᵀU` is roughly the posterior's precision ([`Metric`]), the posterior is nearly a
+//! standard normal, and trajectories ([`hamiltonian`]) go from one end of it to the other in a few turns.
 //!
-//! Chains begin with the Gauss–Newton matrix of the mode. In rounds of a warm-up, which is thrown away, each
-//! notes positions and forces that it meets ([`Sampler::places`]); those of all chains together tell a
-//! better metric ([`improve`]), which all of them adopt, and along turns of the head, where the posterior is
-//! bent, how wide it is ([`widen`]). How far they turn at once is adapted as well, and then both are held.
+//! Chains begin with the Gauss–Newton matrix of the mode. They warm up in rounds, whose states are thrown
+//! away. In each, a chain notes positions and forces that it meets ([`Sampler::places`]); from those of all
+//! chains together comes a better metric ([`improve`]), and along turns of the head, where the posterior is
+//! bent, its width ([`widen`]); all chains adopt it. How far they turn at once is adapted as well. After the
+//! warm-up both stay as they are.
 
 pub mod hamiltonian;
 #[cfg(test)]
@@ -28,7 +29,7 @@ use crate::metropolis::{self, Outcome};
 use crate::rng::Rng;
 use crate::scene::{Subject, View};
 use crate::search::unknowns::Layout;
-use crate::search::{Held, ModeSearch, Options, Part, held_words, surface_words};
+use crate::search::{Held, ModeSearch, Options, Part, held_words, instance_words};
 use core::f64::consts::FRAC_PI_2;
 use hamiltonian::{Density, Field, State, Trajectory};
 pub use metric::Metric;
@@ -63,7 +64,8 @@ fn layout(problem: &Problem<'_>, options: &Options<'_>) -> Layout {
     Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank, views }
 }
 
-/// Words of memory a [`Sampler`] of a problem needs besides its search's, with room for so many places.
+/// Words of memory that a [`Sampler`] of a problem needs besides its search's, with room for `places` places
+/// ([`Sampler::places`]).
 pub fn words(problem: &Problem<'_>, options: &Options<'_>, places: usize) -> usize {
     let photos = core::iter::once(&problem.photo).chain(options.others);
     let sizes = photos.map(|photo| [photo.image.width, photo.image.height].map(|n| n as usize));
@@ -71,7 +73,7 @@ pub fn words(problem: &Problem<'_>, options: &Options<'_>, places: usize) -> usi
     let (vertices, triangles) = (problem.model.vertices(), problem.model.triangles.len());
     matrix_words(layout.len())
         + held_words(vertices, layout, sizes)
-        + surface_words(vertices, triangles)
+        + instance_words(vertices, triangles)
         + 2 * layout.len() * places
 }
 
@@ -98,8 +100,8 @@ impl<'a, 'w, const OTHERS: usize> Around<'a, 'w, OTHERS> {
         if n > MAX_UNKNOWNS {
             return Err(ChainError::Photos { found: 1 + OTHERS });
         }
-        let surface = part.map_or(0, Part::surface_words);
-        let needed = matrix_words(n) + Held::words(&search) + surface + 2 * n * places;
+        let instance = part.map_or(0, Part::instance_words);
+        let needed = matrix_words(n) + Held::words(&search) + instance + 2 * n * places;
         let error = ChainError::Memory { needed, found: memory.len() };
         let mut carver = Carver::new(memory);
         let factor = carver.floats(matrix_words(n)).ok_or(error)?;
@@ -254,8 +256,8 @@ pub struct Laplace {
     /// `1/patch · Σ ln h − E − ½ ln|A| − Σ ln sᵢ`
     ///
     /// of the density `h` of all pixels under the background, the mode's energy `E`, the precision `A` and
-    /// the prior standard deviations `sᵢ` of the coefficients; up to a constant that only the photos and
-    /// the settings tell, so that models, of whatever rank, may be compared on the same photos.
+    /// the prior standard deviations `sᵢ` of the coefficients; up to a constant that depends on photos and
+    /// settings alone, so that models, of whatever rank, may be compared on the same photos.
     pub ln_evidence: f64,
 }
 
@@ -263,8 +265,8 @@ pub struct Laplace {
 /// Gauss–Newton matrix. `memory` is [`words`] long.
 ///
 /// # Errors
-/// [`ChainError::Memory`] if the memory is shorter; [`ChainError::Config`] of a mode that nothing is
-/// seen of.
+/// [`ChainError::Memory`] if the memory is shorter; [`ChainError::Config`] if nothing of the face is seen at
+/// the mode.
 pub fn laplace<'w, const OTHERS: usize>(
     search: ModeSearch<'_, 'w, OTHERS>,
     memory: &'w mut [u32],
@@ -282,7 +284,7 @@ pub fn laplace<'w, const OTHERS: usize>(
     Ok(Laplace { deviations, ln_evidence: ln_mode - around.metric.ln_pivots() })
 }
 
-/// Where a chain stands after its warm-up. One that has had the same warm-up goes on from there with
+/// Where a chain stands after its warm-up: another that has had the same warm-up goes on from there with
 /// the same bits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
@@ -304,13 +306,13 @@ pub struct Sampler<'a, 'w, const OTHERS: usize = 0> {
 }
 
 impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
-    /// Number `stream` of a seed, around the mode that a search has found, looking at the [`Part`] of the
-    /// model that has been made of the same search, with room for so many places; it begins at a draw of a
+    /// Chain number `stream` of a seed, around the mode that a search has found. It looks at the [`Part`] of
+    /// the model that was made of the same search, has room for `places` places, and begins at a draw of the
     /// normal distribution with the mode's metric. `memory` is [`words`] long.
     ///
     /// # Errors
-    /// [`ChainError::Memory`] if the memory is shorter, or the part another's; [`ChainError::Config`] of
-    /// a mode that nothing is seen of.
+    /// [`ChainError::Memory`] if the memory is shorter, or the part another search's; [`ChainError::Config`]
+    /// if nothing of the face is seen at the mode.
     pub fn new(
         search: ModeSearch<'a, 'w, OTHERS>,
         part: &'a Part<'a>,
@@ -335,15 +337,15 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         self.walk.step_and_adapt()
     }
 
-    /// Places that the warm-up met since it was asked last, as far as there was room: position and force of
-    /// as many numbers as there are unknowns, one after the other.
+    /// Places that the warm-up has met since this was called last, as far as there was room: positions and
+    /// forces in turn, each with a number per unknown.
     pub fn places(&mut self) -> &[f32] {
         let Around { places, noted, .. } = &mut self.walk.target.0;
         places.get(..core::mem::take(noted)).unwrap_or_default()
     }
 
-    /// How the head turns as the position changes: of every view the three directions whose products with
-    /// positions are its rotation vector, radians.
+    /// How the head turns as the position changes: for every view three directions, whose products with a
+    /// position are the view's rotation vector, radians.
     pub fn turns(&self) -> impl Iterator<Item = Unknowns> {
         let Around { held, metric, .. } = &self.walk.target.0;
         let layout = held.layout();
@@ -376,7 +378,7 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         math::exp(self.walk.ln_angle[1])
     }
 
-    /// Has it turn about so many radians at once, or as near that as is sensible.
+    /// Sets how far it turns at once, radians; an angle out of the sensible range is moved into it.
     pub fn turn_by(&mut self, angle: f64) {
         self.walk.ln_angle = [math::ln(angle.clamp(ANGLES[0], ANGLES[1])); 2];
     }
@@ -407,8 +409,8 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         }
     }
 
-    /// Goes on from where another stood after the same warm-up; `false`, and nothing changes, if that has
-    /// not as many unknowns.
+    /// Goes on from where another chain stood after the same warm-up; `false`, and nothing changes, if that
+    /// one had another number of unknowns.
     pub fn go_on_from(&mut self, standing: &Standing) -> bool {
         let Standing { position, force, energy, rng, .. } = standing.clone();
         let n = self.unknowns();
@@ -427,7 +429,7 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         self.walk.target.0.held.subject(&mut self.walk.unknowns())
     }
 
-    /// Its views, photo by photo.
+    /// The views of the state, photo by photo.
     pub fn views(&self) -> impl Iterator<Item = View> {
         self.walk.target.0.held.views(self.walk.unknowns())
     }

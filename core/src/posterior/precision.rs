@@ -3,8 +3,8 @@
 //! In the coordinates of a metric that is right the density `π` has covariance 1. In those of one that is
 //! not it has some other, `C`, and the linear map that is nearest to the force `∇ ln π(v)` on average is
 //! `−C⁻¹(v − E v)`, since `E[∇ ln π(v) vᵀ] = −1` (Stein's identity). Of a normal density the force is that map,
-//! whereever the places are. So the precision `S = C⁻¹` is found by least squares, with [`PRIOR`] as much
-//! said for `S = 1`, and then made symmetric.
+//! wherever the places are. So the precision `S = C⁻¹` is found by least squares, as if [`PRIOR`] places for
+//! each unknown had said `S = 1`, and is then made symmetric.
 //!
 //! Where the density is not normal, `S` is the mean of how the force changes, and a density that is narrow
 //! here and flat there is wider than that says. Along a single direction it is better to look at the
@@ -15,12 +15,14 @@ use super::metric::Metric;
 use crate::engine::Engine;
 use crate::least_squares::{System, matrix_words, row_words, system_words};
 
-/// How many places' worth the metric there is has, for each of its unknowns.
+/// How many places the metric so far is worth, per unknown. Chosen, not measured.
 const PRIOR: f32 = 2.0;
-/// What is left of it in the end: the least of these by which the rest is positive definite.
+/// The share of the metric so far that is kept: the least of these with which the sum is positive definite.
+/// Chosen, not measured.
 const LEFT: [f32; 5] = [0.1, 0.2, 0.4, 0.6, 0.8];
 
-/// The largest variance along a direction that places are believed.
+/// The largest variance along a direction that places are believed. Turns of the head are twice as wide as
+/// forces say (docs/posterior.md).
 const WIDER: f32 = 4.0;
 
 /// Words of memory that [`improve`] and [`widen`] need for so many unknowns.
@@ -28,10 +30,10 @@ pub fn improve_words(n: usize) -> usize {
     system_words(n) + 2 * matrix_words(n)
 }
 
-/// Finds in what coordinates a density's covariance is nearer 1, given some places: position and force,
-/// of `n` numbers each, one after the other. Places are then in these coordinates, and the factor that
-/// leads there is given; none, and they are as they were, if there is too little memory
-/// ([`improve_words`]) or nothing to be learnt.
+/// Finds coordinates in which a density's covariance is nearer 1. `places` are positions and forces in turn,
+/// of `n` numbers each. Returns the factor that leads to the new coordinates, and changes `places` to them;
+/// returns `None`, and leaves them as they are, if there is too little memory ([`improve_words`]) or nothing
+/// to be learnt.
 pub fn improve<'m>(
     n: usize,
     places: &mut [f32],
@@ -82,11 +84,11 @@ fn take_to(change: &Metric<'_>, n: usize, places: &mut [f32]) {
     }
 }
 
-/// Finds coordinates in which the variance along one direction is 1, given places as for [`improve`], where
-/// it is more than that. A direction is as many numbers as there are unknowns, of any length; looked at is
-/// the variance of its product with positions, and what is uncorrelated with that stays as it is. Places are
-/// then in these coordinates; nothing changes, and there is no factor, if they are no wider there, fewer than
-/// two, or if there is too little memory ([`improve_words`]).
+/// Finds coordinates in which the variance along one direction is 1, if it is more. `direction` has a number
+/// per unknown, and any length: what is looked at is the variance of its product with the positions, and what
+/// is uncorrelated with that product stays as it is. `places` and what is returned are those of [`improve`];
+/// nothing changes if there is no such width, fewer than two places or too little memory
+/// ([`improve_words`]).
 pub fn widen<'m>(
     direction: &[f32],
     places: &mut [f32],

@@ -12,7 +12,7 @@ pub enum Axis {
 /// One half of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
-pub enum Part {
+pub enum Half {
     Shape,
     Albedo,
 }
@@ -55,21 +55,21 @@ pub enum Move {
     /// Adds to every coefficient.
     Gaussian {
         /// Which coefficients.
-        part: Part,
+        half: Half,
         /// Per coefficient.
         sd: f32,
     },
     /// Adds to one coefficient.
     Single {
         /// Which coefficients.
-        part: Part,
-        /// Of the one.
+        half: Half,
+        /// Of that coefficient.
         sd: f32,
     },
     /// Multiplies every coefficient by the same factor.
     Caricature {
         /// Which coefficients.
-        part: Part,
+        half: Half,
         /// Of the logarithm.
         sd: f32,
     },
@@ -98,7 +98,7 @@ pub enum Move {
         /// Per channel.
         sd: f32,
     },
-    /// Solves for the light that explains the picture best. A search move.
+    /// Solves for the light that explains the picture best. It steers, see [`Move::steers`].
     SolveLight {
         /// Visible surface points to use.
         points: u32,
@@ -106,18 +106,18 @@ pub enum Move {
 }
 
 impl Move {
-    /// Whether the move optimises: it finds good states quickly, but it is not reversible and a
+    /// Whether the move steers towards good states: it finds them quickly, but it is not reversible and a
     /// chain that uses it is no sampler.
-    pub fn is_search(&self) -> bool {
+    pub fn steers(&self) -> bool {
         matches!(self, Self::SolveLight { .. })
     }
 
     /// The coefficients the move changes, if any.
-    pub fn part(&self) -> Option<Part> {
+    pub fn half(&self) -> Option<Half> {
         match *self {
-            Self::Gaussian { part, .. }
-            | Self::Single { part, .. }
-            | Self::Caricature { part, .. } => Some(part),
+            Self::Gaussian { half, .. }
+            | Self::Single { half, .. }
+            | Self::Caricature { half, .. } => Some(half),
             _ => None,
         }
     }
@@ -129,9 +129,9 @@ impl Move {
             | Self::Translation { .. }
             | Self::Distance { .. }
             | Self::Scaling { .. } => Touched::GEOMETRY,
-            _ => match self.part() {
-                Some(Part::Shape) => Touched::SHAPE,
-                Some(Part::Albedo) => Touched::ALBEDO,
+            _ => match self.half() {
+                Some(Half::Shape) => Touched::SHAPE,
+                Some(Half::Albedo) => Touched::ALBEDO,
                 None => Touched::COLOR,
             },
         }

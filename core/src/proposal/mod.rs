@@ -3,7 +3,7 @@
 //! A move changes the scene in place and returns
 //! `log [q(x' → x)·|J| / q(x → x')]`, the factor by which Metropolis–Hastings must correct the
 //! ratio of targets; for moves that scale several parameters together it is the Jacobian of the
-//! scaling. With these the chain without [search moves](Move::is_search) leaves its target
+//! scaling. With these the chain without [moves that steer](Move::steers) leaves its target
 //! invariant. (The reference engine treats every move as symmetric.)
 
 // Every move has the same signature, also those that cannot fail.
@@ -18,7 +18,7 @@ mod tree;
 
 use crate::rng::Rng;
 use crate::scene::Scene;
-pub use kinds::{Axis, Move, Part, Touched};
+pub use kinds::{Axis, Half, Move, Touched};
 pub use tree::{
     Branch, CENTRES, FACE, MAX_LEAVES, OBJECT, OBJECT_POSE, OBJECT_POSE_AND_SHAPE, POSE,
     POSE_AND_SHAPE, Table, Tree,
@@ -36,7 +36,7 @@ pub trait Surroundings {
 
 /// Applies a leaf to the scene. Returns the log ratio described at the top of this module, or
 /// `None` if the move fails: it leads out of the space (behind the camera, say) or has nothing to
-/// work on. A failed move counts as rejected, its scene is to be discarded.
+/// work on. A failed move counts as rejected; the scene it leaves is to be discarded.
 pub fn propose(
     branch: &Branch,
     scene: &mut Scene,
@@ -82,12 +82,12 @@ fn apply(
         Move::Color { gain_sd, contrast_sd, offset_sd } => {
             color::perturb(&mut scene.view.color, gain_sd, contrast_sd, offset_sd, rng)
         }
-        Move::Gaussian { part, sd } => coefficients::add(coefficients_of(scene, part), sd, rng),
-        Move::Single { part, sd } => {
-            coefficients::add_to_one(coefficients_of(scene, part), sd, rng)
+        Move::Gaussian { half, sd } => coefficients::add(coefficients_of(scene, half), sd, rng),
+        Move::Single { half, sd } => {
+            coefficients::add_to_one(coefficients_of(scene, half), sd, rng)
         }
-        Move::Caricature { part, sd } => {
-            coefficients::caricature(coefficients_of(scene, part), rng.normal_sd(sd))
+        Move::Caricature { half, sd } => {
+            coefficients::caricature(coefficients_of(scene, half), rng.normal_sd(sd))
         }
         Move::LightSpatial { sd } => light::spatial(&mut scene.view.light, sd, rng),
         Move::LightBands { sd } => light::bands(&mut scene.view.light, sd, rng),
@@ -103,9 +103,9 @@ fn apply(
     }
 }
 
-fn coefficients_of(scene: &mut Scene, part: Part) -> &mut [f32] {
-    match part {
-        Part::Shape => &mut scene.subject.shape,
-        Part::Albedo => &mut scene.subject.albedo,
+fn coefficients_of(scene: &mut Scene, half: Half) -> &mut [f32] {
+    match half {
+        Half::Shape => &mut scene.subject.shape,
+        Half::Albedo => &mut scene.subject.albedo,
     }
 }

@@ -4,7 +4,7 @@ use super::kinds::Axis;
 use crate::math;
 use crate::scene::{Camera, Pose};
 
-/// Distance, mm, below which [`change_distance`] does not go.
+/// Distance, mm, below which [`change_distance`] does not go, so that its logarithm stays finite.
 const MIN_DISTANCE: f32 = 1.0;
 
 /// Adds to one Euler angle: symmetric.

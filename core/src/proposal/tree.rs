@@ -1,6 +1,7 @@
-//! Mixtures of moves as data, and such a tree multiplied out.
+//! Mixtures of moves as data, and such a tree multiplied out. Widths and weights are those of the paper's
+//! released program, unless said otherwise.
 
-use super::kinds::{Axis, Move, Part};
+use super::kinds::{Axis, Half, Move};
 use crate::rng::Rng;
 
 /// A mixture of moves: a tree whose branches carry weights, normalised within each mixture.
@@ -35,7 +36,7 @@ macro_rules! rotations {
     };
 }
 
-/// Rotation, distance and scaling, in the widths of the paper's released program.
+/// Rotation, distance and scaling.
 const TURN: Tree = Mixture(&[
     (
         1.0,
@@ -82,12 +83,12 @@ pub const POSE: Tree = Mixture(&[
 pub const OBJECT_POSE: Tree = Mixture(&[(0.8, TURN), (0.2, TRANSLATION)]);
 
 macro_rules! coefficients {
-    ($name:literal, $part:expr) => {
+    ($name:literal, $half:expr) => {
         Mixture(&[
-            (0.1, Leaf($name, Move::Gaussian { part: $part, sd: 0.2 })),
-            (0.5, Leaf($name, Move::Gaussian { part: $part, sd: 0.1 })),
-            (0.2, Leaf($name, Move::Gaussian { part: $part, sd: 0.025 })),
-            (0.2, Leaf(concat!($name, " caricature"), Move::Caricature { part: $part, sd: 0.2 })),
+            (0.1, Leaf($name, Move::Gaussian { half: $half, sd: 0.2 })),
+            (0.5, Leaf($name, Move::Gaussian { half: $half, sd: 0.1 })),
+            (0.2, Leaf($name, Move::Gaussian { half: $half, sd: 0.025 })),
+            (0.2, Leaf(concat!($name, " caricature"), Move::Caricature { half: $half, sd: 0.2 })),
         ])
     };
 }
@@ -96,10 +97,10 @@ const fn color(gain_sd: f32) -> Tree {
     Leaf("colour", Move::Color { gain_sd, contrast_sd: gain_sd, offset_sd: 1e-4 })
 }
 
-const SHAPE_COEFFICIENTS: Tree = coefficients!("shape", Part::Shape);
+const SHAPE_COEFFICIENTS: Tree = coefficients!("shape", Half::Shape);
 
 const COEFFICIENTS: Tree =
-    Mixture(&[(0.5, SHAPE_COEFFICIENTS), (0.5, coefficients!("albedo", Part::Albedo))]);
+    Mixture(&[(0.5, SHAPE_COEFFICIENTS), (0.5, coefficients!("albedo", Half::Albedo))]);
 
 const COLOR: Tree = Mixture(&[(0.2, color(0.01)), (0.6, color(0.001)), (0.2, color(0.0005))]);
 
@@ -117,20 +118,20 @@ const LIGHT: Tree = Mixture(&[
     (1.0, Leaf("light solve", Move::SolveLight { points: 100 })),
 ]);
 
-/// Moves of pose and shape.
+/// Moves of pose and shape, in the proportion that [`FACE`] has.
 pub const POSE_AND_SHAPE: Tree = Mixture(&[(1.0, POSE), (3.0, SHAPE_COEFFICIENTS)]);
 
 /// [`POSE_AND_SHAPE`] of an object.
 pub const OBJECT_POSE_AND_SHAPE: Tree = Mixture(&[(1.0, OBJECT_POSE), (3.0, SHAPE_COEFFICIENTS)]);
 
-/// All moves of a face fit, in the proportions of the paper's released program.
+/// All moves of a face fit.
 pub const FACE: Tree = Mixture(&[(1.0, POSE), (1.0, COLOR), (3.0, COEFFICIENTS), (2.0, LIGHT)]);
 
 /// All moves of the fit of an object. (The reference engine does not solve for its light.)
 pub const OBJECT: Tree =
     Mixture(&[(1.0, OBJECT_POSE), (1.0, COLOR), (3.0, COEFFICIENTS), (2.0, LIGHT)]);
 
-/// The most leaves a [`Table`] holds.
+/// The most leaves a [`Table`] holds; [`FACE`] has 80.
 pub const MAX_LEAVES: usize = 88;
 
 /// A leaf of the tree with its probability.

@@ -20,7 +20,8 @@ use crate::least_squares::{Equations, System, matrix_words, system_words};
 use crate::math;
 use crate::vector::{Vec3, add, apply_transposed, cross, dot, scale, sub, xyz};
 
-/// Least cosine between the normals of a vertex and its foot.
+/// Least cosine between the normals of a vertex and its foot. Found in a prototype, like the next
+/// (docs/registration.md).
 pub(super) const FACING: f32 = 0.6;
 /// Difference of colours, in standard deviations of all channels together, at which they count a
 /// quarter.

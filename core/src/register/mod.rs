@@ -1,18 +1,18 @@
 //! Registration: a model deformed onto a scan of any topology, so that vertices correspond.
 //!
 //! A vertex of the model is at `p = R x + t` in the scan's place, `x = e^σ (mean + Σ aₖ φₖ)`. What is
-//! sought are shape `a`, size `σ` and pose `R`, `t`; the scan's albedo by the way. Every vertex looks
+//! sought are shape `a`, size `σ` and pose `R`, `t`, and on the way the scan's albedo. Every vertex looks
 //! for its foot, the nearest point of the scan (`nearest.rs`), and says by it (`evidence.rs`) that it
 //! ought to lie on the scan's surface, and to have the scan's colour there. The first leaves it free to
 //! slide along the surface, which is where nearly all error of registrations lies; the second holds it
-//! where colours change: eyes, brows, lips. That is what pixels of renderings from all sides would say
-//! of scan and model, but for light and shadow. Colours are blurred, from coarse to fine ([`LEVELS`]).
+//! where colours change: eyes, brows, lips. Pixels of renderings of scan and model from all sides would say
+//! the same, but for light and shadow. Colours are blurred, from coarse to fine ([`LEVELS`]).
 //!
 //! A foot near a border of the scan, or where the surface looks elsewhere, says nothing; a far one says
 //! little. Neighbours err together, so that many equations count as one ([`Options::patch`]).
 //!
-//! The pose is found by itself: the mean is moved rigidly onto the scan from several directions, and
-//! the nearest wins; or by landmarks. Nothing is random.
+//! The pose is found by three or more landmarks, if they are given; otherwise the mean is moved rigidly onto
+//! the scan from several directions, and the one that comes nearest wins. Nothing is random.
 
 mod evidence;
 mod nearest;
@@ -36,15 +36,15 @@ pub use state::{Problem, Registration, words};
 pub struct Iteration {
     /// Index in [`LEVELS`]; `None` while the pose is sought.
     pub level: Option<usize>,
-    /// Part of the vertices that were looked at whose foot is evidence.
+    /// Share of the vertices that were looked at whose foot is evidence.
     pub matched: f32,
     /// Distance of those to the scan before the step, root mean square along normals, mm.
     pub distance: f32,
 }
 
 impl Registration<'_, '_> {
-    /// Iterations of a whole registration: every start, what follows the nearest of them, and the
-    /// levels'.
+    /// Iterations of a whole registration: those of every start, of what follows the nearest start, and of
+    /// the levels.
     pub const ITERATIONS: u32 = {
         let mut sum = STARTS as u32 + 1;
         let mut level = 0;

@@ -1,4 +1,4 @@
-//! How closely a registration looks, and from coarse to fine.
+//! Settings of a registration, and its levels from coarse to fine.
 
 /// One resolution of a registration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,7 +13,7 @@ pub struct Level {
     pub iterations: u32,
 }
 
-/// The levels, coarse to fine.
+/// The levels, coarse to fine, as they were found in a prototype (docs/registration.md).
 pub const LEVELS: [Level; 4] = [
     Level { blur: 6.0, components: 50, trust: 6.0, iterations: 4 },
     Level { blur: 3.0, components: 100, trust: 4.0, iterations: 4 },
@@ -38,14 +38,14 @@ pub struct Options {
     pub color_sd: f32,
     /// Vertices that share one independent error of colour.
     pub color_patch: f32,
-    /// Standard deviation of a colour channel about the scan's albedo.
+    /// Standard deviation of a colour channel about the albedo that is found for the scan.
     pub albedo_sd: f32,
     /// Vertices that share one independent error of albedo.
     pub albedo_patch: f32,
     /// Standard deviation of landmarks, mm.
     pub landmark_sd: f32,
-    /// Feet nearer to a border of the scan are no evidence, mm: who knows how the surface goes on. At
-    /// most 6.
+    /// Feet nearer than this to a border of the scan, mm, are no evidence: nobody knows how the surface goes on
+    /// there. At most 6.
     pub rim: f32,
 }
 

@@ -7,9 +7,10 @@ use crate::engine::Quad;
 use crate::least_squares::{Equations, System, matrix_words, system_words};
 use crate::vector::{add, scale, xyz};
 
-/// Standard deviation of a scan's tint: of offsets in units of colour, of gains as parts of the mean's.
+/// Standard deviation of a scan's tint: of offsets in units of colour, of gains about 1. Wide, so that only
+/// what colours do not say is held; chosen, not measured.
 const TINT_SD: f32 = 0.3;
-/// Every which vertex tells the albedo: there are far more than coefficients.
+/// One vertex in so many tells the albedo: there are far more than coefficients.
 const STRIDE: usize = 4;
 
 impl Registration<'_, '_> {

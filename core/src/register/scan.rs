@@ -8,22 +8,22 @@ use core::fmt;
 
 /// Variance that colours are blurred by at a time, mm²; about half the square of an edge.
 const BLUR_STEP: f32 = 0.5;
-/// Passes after which distances to the rim are taken as they are.
+/// Passes after which distances to the rim are taken as they are. Chosen, not measured.
 const RIM_PASSES: usize = 32;
 
-/// Why there is nothing to register.
+/// Why a scan cannot be registered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum RegisterError {
-    /// Not one colour for each point.
+    /// There are not as many colours as points.
     Colors { points: usize, colors: usize },
-    /// A coordinate or colour that is no finite number.
+    /// A coordinate or a colour that is not a finite number.
     Point { index: usize },
-    /// A triangle with a corner that is no point.
+    /// A triangle with a corner beyond the last point.
     Triangle { index: usize },
     /// No triangle with an area, or more than 2²³ triangles.
     Triangles { found: usize },
-    /// A landmark that is no vertex of the model, or not finite.
+    /// A landmark that is not a vertex of the model, or whose place is not finite.
     Landmark { index: usize },
     /// Too little memory; both in words.
     Memory { needed: usize, found: usize },

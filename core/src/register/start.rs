@@ -6,17 +6,18 @@ use super::state::Registration;
 use crate::scene::rotation_by;
 use crate::vector::{Vec3, add, apply, dot, scale, sub, xyz};
 
-/// Steps of a start, and of the nearest once more.
+/// Steps of a start, and of the nearest once more. Chosen, not measured, as are the next.
 const STEPS: u32 = 10;
 /// Vertices that starts look with, about.
 const VERTICES: usize = 400;
-/// Turns about each axis to start with, radians.
+/// Turns about each axis to start with, radians: with these, scans turned by up to some 70° about any axis
+/// were found (docs/registration.md).
 const TURNS: [f32; 3] = [0.0, 0.9, -0.9];
 /// Starts: all combinations of turns.
 pub(super) const STARTS: usize = TURNS.len() * TURNS.len() * TURNS.len();
-/// Distances to the scan are the same beyond, mm.
+/// Distances to the scan count as this, mm, if they are larger. Chosen, not measured.
 const REACH: f32 = 15.0;
-/// Landmarks that say the pose.
+/// Landmarks that determine the pose.
 const ENOUGH: usize = 3;
 
 impl Registration<'_, '_> {

@@ -17,7 +17,8 @@ use crate::vector::{Vec3, cross, dot, scale, sub, xyz};
 pub(super) const TINT: usize = 6;
 /// Mean area of a vertex of the mesh that standard deviations and patches were chosen on, mm².
 const VERTEX_AREA: f32 = 4.0;
-/// Distances to a border are measured up to here, mm.
+/// Distances to a border are measured up to here, mm: none wider was tried
+/// (docs/registration.md).
 const RIM: f32 = 6.0;
 
 /// What is registered.
@@ -27,7 +28,7 @@ pub struct Problem<'a> {
     pub model: &'a Model<'a>,
     /// The scan.
     pub scan: Scan<'a>,
-    /// Vertices of the model whose places on the scan are known, mm. Three or more say the pose.
+    /// Vertices of the model whose places on the scan are known, mm. Three or more determine the pose.
     pub landmarks: &'a [(u32, Vec3)],
     /// The settings.
     pub options: Options,
@@ -63,9 +64,9 @@ fn larger(a: usize, b: usize) -> usize {
 
 /// Words of memory a [`Registration`] of a problem needs.
 ///
-/// Of the scan the tree, and per point a normal and a colour (3 each) and the distance to the rim; of
-/// the model per vertex position, normal, albedo, what the foot shows (4 each), a colour and how it
-/// changes (3 and 9), and copies of both bases; coefficients and rows; what is needed in passing.
+/// They hold, of the scan, the tree, and per point a normal and a colour (3 each) and the distance to the rim;
+/// of the model, per vertex, position, normal, albedo and what the foot shows (4 each), a colour (3) and how
+/// it changes (9), and copies of both bases; coefficients and rows; and what is needed for a moment.
 pub fn words(problem: &Problem<'_>) -> usize {
     let Problem { model, scan, .. } = problem;
     let vertices = model.vertices();

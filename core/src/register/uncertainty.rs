@@ -13,7 +13,7 @@ use crate::math;
 
 impl Registration<'_, '_> {
     /// Fills `deviations`, one per vertex of the model, with standard deviations of its place in mm (root
-    /// of the covariance's trace). Where the scan says nothing, that is the prior's, given the rest.
+    /// of the covariance's trace). Where the scan says nothing, it is what the prior leaves, given all other places.
     pub fn deviations(&mut self, deviations: &mut [f32]) {
         let memory = core::mem::take(&mut self.passing);
         let _ = self.deviations_in(deviations, memory);

@@ -20,7 +20,7 @@ pub struct Shader {
 }
 
 impl Shader {
-    /// Takes what it needs from a hypothesis.
+    /// Takes what it needs from a view.
     pub fn new(view: &View) -> Self {
         Self {
             light: ModelLight::new(&view.light, &view.pose.rotation()),
@@ -55,8 +55,8 @@ impl Shader {
     }
 }
 
-/// Unit normal (model frame) and albedo of a vertex: `[x, y, z, 0, R, G, B, 0]`. Side by side,
-/// since who needs the one mostly needs the other.
+/// Unit normal (model frame) and albedo of a vertex: `[x, y, z, 0, R, G, B, 0]`. They lie side by side,
+/// since what needs the one mostly needs the other.
 pub type Attributes = [f32; 8];
 
 /// The normal among a vertex's attributes.
@@ -98,8 +98,8 @@ pub fn set_albedo(albedo: &[[f32; 4]], attributes: &mut [Attributes]) {
     }
 }
 
-/// Interpolates the last `WIDTH` numbers of the vertices' attributes at the pixels of a chunk, four
-/// of them for each of `planes`; zero where nothing is visible.
+/// Interpolates the last `WIDTH` numbers of the vertices' attributes at the pixels of a chunk: four
+/// of them for each of `planes`, of which the first three are kept. They are zero where nothing is visible.
 #[inline(always)]
 pub fn interpolate<I: Index, const WIDTH: usize>(
     triangles: &[[I; 3]],

@@ -1,7 +1,7 @@
 //! What all photos of a search share.
 
+use super::instance::Instance;
 use super::priors::{Complexion, Priors, Widths};
-use super::surface::Surface;
 use super::unknowns::Layout;
 use crate::basis::ByVertex;
 use crate::chain::{Dimensions, Photo, Problem};
@@ -15,20 +15,21 @@ pub struct Level {
     /// Standard deviation of a pixel's colour channel, as a multiple of the configuration's.
     pub error: f32,
     /// The most pixels whose rows make a step's metric.
-    pub samples: usize,
+    pub pixels: usize,
     /// The most components that are sought of shape and of albedo each, the leading ones.
     pub components: usize,
     /// The most iterations.
     pub iterations: u32,
 }
 
-/// The levels of a search, coarse to fine.
+/// The levels of a search, coarse to fine. How many components each has was measured
+/// (docs/accuracy.md, "Components by level"); the rest was chosen.
 pub const LEVELS: [Level; 5] = [
-    Level { blur: 4.0, error: 2.8, samples: 500, components: 20, iterations: 5 },
-    Level { blur: 2.0, error: 1.86, samples: 500, components: 50, iterations: 5 },
-    Level { blur: 1.0, error: 1.4, samples: 500, components: 100, iterations: 5 },
-    Level { blur: 0.0, error: 1.3, samples: 1500, components: MAX_RANK, iterations: 10 },
-    Level { blur: 0.0, error: 1.0, samples: 1500, components: MAX_RANK, iterations: 30 },
+    Level { blur: 4.0, error: 2.8, pixels: 500, components: 20, iterations: 5 },
+    Level { blur: 2.0, error: 1.86, pixels: 500, components: 50, iterations: 5 },
+    Level { blur: 1.0, error: 1.4, pixels: 500, components: 100, iterations: 5 },
+    Level { blur: 0.0, error: 1.3, pixels: 1500, components: MAX_RANK, iterations: 10 },
+    Level { blur: 0.0, error: 1.0, pixels: 1500, components: MAX_RANK, iterations: 30 },
 ];
 
 /// What a search needs to know besides the problem.
@@ -81,7 +82,7 @@ pub(super) struct Common<'a, 'w> {
     pub(super) layout: Layout,
     pub(super) subject: Subject,
     /// The subject's, once it has been computed.
-    pub(super) surface: Surface<'w>,
+    pub(super) instance: Instance<'w>,
 }
 
 impl<'a> Common<'a, '_> {

@@ -3,8 +3,8 @@
 use super::common::{Common, Scratch};
 use super::evidence::Evidence;
 use super::image_term::{SHADE, SHADE_SHARE};
+use super::instance::at;
 use super::shading::{Adjoint, Shading};
-use super::surface::at;
 use super::unknowns::POSE;
 use super::window::Window;
 use crate::basis::Costs;
@@ -13,13 +13,14 @@ use crate::math;
 use crate::vector::{Vec3, add, apply, cross, scale, xyz};
 use core::array::from_fn;
 
-/// Of successive iterations' first pixels: by this share of the way to the next, no two are alike
-/// and all are as far apart as can be.
+/// Each iteration's first pixel is this share of a stride behind the last one's: by the golden ratio no two
+/// are alike, and all are as far apart as can be.
 const GOLDEN: f64 = 0.618_033_988_749_895;
-/// Vertices whose positions a pixel's colour may depend on.
+/// Vertices whose positions a pixel's colour may depend on: of more, as of a fan's hub, the rest is left out.
 const MAX_AROUND: usize = 40;
 
-/// Columns and rows of what a pixel's shade is told by, pixels; less than its Gaussian is wide.
+/// Pixels between the columns and rows of points that tell a pixel's shade: less than the standard deviation
+/// of its Gaussian.
 const APART: usize = 4;
 /// How many of them a pixel reaches, along both axes: three standard deviations.
 const REACHED: usize = 7;
@@ -140,13 +141,13 @@ impl Evidence<'_, '_> {
     pub(super) fn add_curvature(
         &self,
         common: &Common<'_, '_>,
-        samples: usize,
+        pixels: usize,
         iteration: u32,
         scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
         let width = self.width();
-        let stride = (self.seen.0 as f64 / samples as f64).max(1.0);
+        let stride = (self.seen.0 as f64 / pixels as f64).max(1.0);
         let turn = GOLDEN * f64::from(iteration);
         let mut next = (turn - f64::from(turn as u32)) * stride;
         let weight = common.pixel_weight() * stride as f32;
@@ -189,7 +190,7 @@ impl Evidence<'_, '_> {
         [x, y]: [usize; 2],
         scratch: &mut Scratch<'_>,
     ) -> Option<()> {
-        let Common { problem, surface, layout, .. } = common;
+        let Common { problem, instance, layout, .. } = common;
         let (model, engine) = (problem.model, problem.engine);
         let hit = self.frame.hit(x, y);
         let (corners, point) = hit.and_then(|hit| common.point(shading, &hit))?;
@@ -215,7 +216,7 @@ impl Evidence<'_, '_> {
         let mut pose = [[0.0_f32; POSE]; 3];
         for (i, vertex) in corners.into_iter().enumerate() {
             let w = point.weights[i];
-            let position = xyz(at(surface.positions, vertex));
+            let position = xyz(at(instance.positions, vertex));
             let costs = adjoints.map(|adjoint| scale(adjoint.normal, w));
             let mut moved = [[0.0; 3]; 3];
             for channel in 0..3 {
@@ -231,7 +232,7 @@ impl Evidence<'_, '_> {
                 }
             }
             put(vertex, moved);
-            surface.normal_adjoint(model, vertex, costs, &mut put);
+            instance.normal_adjoint(model, vertex, costs, &mut put);
         }
         let mut colors = [(0, [[0.0; 3]; 3]); 3];
         for (color, (vertex, w)) in colors.iter_mut().zip(corners.into_iter().zip(point.weights)) {

@@ -1,15 +1,14 @@
-//! What one photo says of the subject: its view of it, and the landmarks and pixels by which it
-//! speaks.
+//! What one photo says of the subject, by its landmarks and its pixels, and the view it has of it.
 //!
-//! Photos share nothing but the subject, so all they say is a sum over them. Each gives its part of
+//! Photos share nothing but the subject, so what they say adds up. Each gives its part of
 //! the energy ([`Evidence::judge`], which also renews its mask), of the derivative
 //! (`add_gradient`), and of the Gauss–Newton matrix (`add_equations`).
 
 use super::common::{Common, Energy, Options, Scratch};
+use super::instance::at;
 use super::landmarks;
 use super::occlusion;
 use super::picture;
-use super::surface::at;
 use super::unknowns::{LIGHT, Layout, POSE, VIEW};
 use crate::basis::padded;
 use crate::chain::{ChainError, Dimensions, Photo, Problem};
@@ -23,7 +22,7 @@ use crate::scene::View;
 use crate::vector::Vec3;
 use core::f32::consts::{FRAC_PI_2, PI};
 
-/// Iterations on the landmarks alone, for the pose.
+/// Iterations on the landmarks alone, for the pose, at most. Chosen, not measured.
 const POSE_ITERATIONS: u32 = 40;
 /// Rolls to begin with, radians.
 const WAYS_UP: [f32; 4] = [0.0, FRAC_PI_2, PI, -FRAC_PI_2];
@@ -151,8 +150,8 @@ impl<'a, 'w> Evidence<'a, 'w> {
         self.planes.mask
     }
 
-    /// Root mean square difference per channel between photo and rendering, `[0, 1]`, of the pixels
-    /// of the scene so far, each as much as it shows the face.
+    /// Root mean square difference per channel between photo and rendering, `[0, 1]`, over the pixels that
+    /// the model covers, each weighted by its mask.
     pub fn seen_rmse(&self) -> f64 {
         let Planes { photo, rendering, mask, .. } = &self.planes;
         let (mut sum, mut seen) = (0.0, 0.0);
@@ -281,7 +280,7 @@ impl<'a, 'w> Evidence<'a, 'w> {
     /// Rasterizes the subject's surface in the view.
     pub(super) fn render(&mut self, common: &Common<'_, '_>) {
         let Problem { model, engine, .. } = common.problem;
-        (engine.project)(&self.view, common.surface.positions, self.window);
+        (engine.project)(&self.view, common.instance.positions, self.window);
         (engine.rasterize)(model.triangles, self.window, &mut self.frame);
     }
 
@@ -306,12 +305,12 @@ impl<'a, 'w> Evidence<'a, 'w> {
     pub(super) fn add_equations(
         &self,
         common: &Common<'_, '_>,
-        samples: usize,
+        pixels: usize,
         iteration: u32,
         scratch: &mut Scratch<'_>,
         system: &mut System<'_>,
     ) {
-        self.add_curvature(common, samples, iteration, scratch, system);
+        self.add_curvature(common, pixels, iteration, scratch, system);
         self.add_landmarks_and_priors(common, system);
     }
 

@@ -2,8 +2,8 @@
 
 use super::common::{Common, larger};
 use super::evidence::Evidence;
+use super::instance::at;
 use super::shading::{Adjoint, Point, Shading};
-use super::surface::at;
 use super::unknowns::{COLOR, POSE};
 use super::window::Window;
 use crate::basis::padded;
@@ -59,8 +59,8 @@ impl Common<'_, '_> {
         let corners = self.problem.model.triangles.get(hit.triangle)?.map(|v| v as usize);
         let [second, third] = hit.weights;
         let weights = [1.0 - second - third, second, third];
-        let normals = corners.map(|v| xyz(at(self.surface.normals, v)));
-        let albedos = corners.map(|v| xyz(at(self.surface.albedo, v)));
+        let normals = corners.map(|v| xyz(at(self.instance.normals, v)));
+        let albedos = corners.map(|v| xyz(at(self.instance.albedo, v)));
         Some((corners, shading.point(weights, normals, albedos)))
     }
 }
@@ -143,7 +143,7 @@ impl Evidence<'_, '_> {
         gradient: &mut [f32],
         pixels: impl Iterator<Item = Pixel>,
     ) {
-        let Common { problem, surface, layout, .. } = common;
+        let Common { problem, instance, layout, .. } = common;
         let (model, engine) = (problem.model, problem.engine);
         let Some(costs) = Costs::new(model.vertices(), memory) else { return };
         let mut light = [[0.0_f64; 3]; 9];
@@ -173,20 +173,20 @@ impl Evidence<'_, '_> {
         for (v, cost) in costs.positions.iter_mut().enumerate() {
             let [x, y, ..] = *cost;
             if x != 0.0 || y != 0.0 {
-                let (moved, by_pose) = window.adjoint(xyz(at(surface.positions, v)), [x, y]);
+                let (moved, by_pose) = window.adjoint(xyz(at(instance.positions, v)), [x, y]);
                 *cost = [moved[0], moved[1], moved[2], 0.0];
                 for (sum, p) in pose.iter_mut().zip(by_pose) {
                     *sum += f64::from(p);
                 }
             }
         }
-        for (normal, cost) in surface.normals.iter().zip(&*costs.normals) {
+        for (normal, cost) in instance.normals.iter().zip(&*costs.normals) {
             let turned = apply(&window.rotation, cross(xyz(*normal), xyz(*cost)));
             for (sum, t) in pose.iter_mut().zip(turned) {
                 *sum += f64::from(t);
             }
         }
-        surface.add_normals_adjoint(model, costs.normals, costs.positions);
+        instance.add_normals_adjoint(model, costs.normals, costs.positions);
         let Some(parts) = layout.split(gradient, self.number) else { return };
         for (g, p) in parts.pose.iter_mut().zip(pose) {
             *g += p as f32;

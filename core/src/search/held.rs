@@ -32,11 +32,11 @@ use super::curvature::{Shades, shades_words};
 use super::evidence::Evidence;
 use super::gradient::{Pixel, gradient_words};
 use super::image_term::{LogRatio, SHADE, SHADE_SHARE, bounded, mean, set, shade_most};
+use super::instance::{Instance, at};
 use super::part::{APART, HARDLY, Part, seen};
 use super::picture;
 use super::shading::Shading;
 use super::state::ModeSearch;
-use super::surface::{Surface, at};
 use super::unknowns::{Layout, MAX_PHOTOS};
 use super::window::Window;
 use crate::least_squares::{Pulled, Slope, System, system_words};
@@ -143,11 +143,11 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
         carver: &mut Carver<'w>,
     ) -> Option<Self> {
         search.make_judged();
-        let Common { problem, layout, subject, surface, .. } = &mut search.common;
+        let Common { problem, layout, subject, instance, .. } = &mut search.common;
         let (vertices, layout) = (problem.model.vertices(), *layout);
-        // The surface is made again below.
+        // The instance is made again below.
         let basis = &problem.model.albedo;
-        let chart = Chart::carve(carver, basis, layout.albedo_rank, surface.albedo)?;
+        let chart = Chart::carve(carver, basis, layout.albedo_rank, instance.albedo)?;
         let albedo = chart.albedo(&subject.albedo);
         let subject = subject.clone();
         let mut photos = heapless::Vec::new();
@@ -159,8 +159,8 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
         let sizes = search.evidence().map(Evidence::size);
         let words = sizes.map(|size| passing_words(vertices, layout, size)).max()?;
         let scratch = carver.floats(words)?;
-        let Common { problem, subject: mode, surface, .. } = &mut search.common;
-        surface.update(problem.model, problem.engine, mode);
+        let Common { problem, subject: mode, instance, .. } = &mut search.common;
+        instance.update(problem.model, problem.engine, mode);
         for (evidence, photo) in search.evidence().zip(&mut photos) {
             photo.hold(evidence, &search.common, scratch)?;
         }
@@ -174,7 +174,7 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
     }
 
     /// Looks at nothing but a part of the model from now on, which the photos of this search show; `None` if
-    /// there is less memory than [`Part::surface_words`], or it is another's part.
+    /// there is less memory than [`Part::instance_words`], or it is another's part.
     pub(crate) fn look_at(&mut self, part: &'a Part<'a>, carver: &mut Carver<'w>) -> Option<()> {
         for photo in &mut self.photos {
             for triangle in photo.triangles.iter_mut().take(photo.count) {
@@ -183,7 +183,7 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
         }
         let common = &mut self.search.common;
         common.problem.model = part.model();
-        common.surface = Surface::carve(carver, part.model())?;
+        common.instance = Instance::carve(carver, part.model())?;
         Some(())
     }
 
@@ -252,8 +252,8 @@ impl<'a, 'w, const OTHERS: usize> Held<'a, 'w, OTHERS> {
             evidence.view = view;
             volume += part;
         }
-        let Common { problem, subject, surface, .. } = &mut search.common;
-        surface.update(problem.model, problem.engine, subject);
+        let Common { problem, subject, instance, .. } = &mut search.common;
+        instance.update(problem.model, problem.engine, subject);
         Some((albedo, volume))
     }
 
@@ -444,7 +444,7 @@ impl Evidence<'_, '_> {
         other.fill(0.0);
         for (point, triangle, look) in photo.points() {
             let (hit, (corners, shown)) = show(point, triangle)?;
-            let [x, y] = window.of(common.surface.place(corners, &hit));
+            let [x, y] = window.of(common.instance.place(corners, &hit));
             let pixel = photo.pixel(point);
             let [right, down] = [x - pixel[0] as f32, y - pixel[1] as f32];
             let moved = add(scale(look.slopes[0], right), scale(look.slopes[1], down));

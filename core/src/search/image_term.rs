@@ -31,10 +31,10 @@
 
 use super::common::Common;
 use super::evidence::{Evidence, Planes};
+use super::instance::at;
 use super::occlusion;
 use super::picture;
 use super::shading::Shading;
-use super::surface::at;
 use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::likelihood::pixels::ln_normaliser;
 use crate::math;
@@ -42,20 +42,21 @@ use crate::render::rasterize::Hit;
 use crate::vector::{Vec3, dot, sub};
 
 /// Standard deviation, pixels, over which neighbouring pixels are judged together whether they show
-/// the face: some hundred pixels, the order of the patch that shares one error.
+/// the face: some hundred pixels, the order of the patch that shares one error (docs/accuracy.md, "What is
+/// minimised").
 const COHERENCE: f32 = 3.0;
-/// Log of the odds against the face, at most, that one pixel's colour can be.
+/// Log of the odds against the face, at most, that one pixel's colour can be (docs/accuracy.md, there too).
 pub(super) const HOPELESS: f32 = 12.0;
-/// `ℓ` from which on that makes no difference.
+/// `ℓ` from which on that makes no difference: `exp −HOPELESS` is then less than the last digit of `exp ℓ`.
 const CERTAIN: f32 = 6.0;
 /// Standard deviation, pixels, over which light and surface may be too bright or too dark together; at
-/// most [`picture::MAX_BLUR`].
+/// most [`picture::MAX_BLUR`]. Measured, like the next two (docs/accuracy.md, "Shade").
 pub(super) const SHADE: f32 = 5.7;
 /// Share of such a difference that is no fault of what is sought.
 pub(super) const SHADE_SHARE: f32 = 0.8;
 /// The most of a pixel's difference that counts towards it, in standard deviations of a channel.
 const SHADE_MOST: f32 = 1.5;
-/// Cosine of the angle to the line of sight from which on a surface has its full say.
+/// Cosine of the angle to the line of sight from which on a surface has its full say. Chosen, not measured.
 pub(super) const FACING: f32 = 0.3;
 
 /// `ℓ` of pixels, by how far their colours are off.

@@ -12,16 +12,16 @@ use crate::math;
 use crate::scene::{Subject, View};
 use crate::vector::dot;
 
-/// Degrees of freedom ν.
+/// Degrees of freedom ν. Chosen, not measured.
 const LANDMARK_FREEDOM: f64 = 8.0;
 
 /// Negative log density of the landmarks, up to a constant; `sd` is in pixels.
 pub(super) fn energy(landmarks: &Landmarks<'_>, subject: &Subject, view: &View, sd: f32) -> f64 {
     let sd = f64::from(sd);
     landmarks
-        .samples(view, &landmarks.points(&subject.shape))
-        .map(|sample| {
-            let [x, y] = sample.residual.map(f64::from);
+        .residuals(view, &landmarks.points(&subject.shape))
+        .map(|landmark| {
+            let [x, y] = landmark.residual.map(f64::from);
             let q = (x * x + y * y) / (sd * sd);
             0.5 * (LANDMARK_FREEDOM + 2.0) * math::ln(1.0 + q / LANDMARK_FREEDOM)
         })
@@ -39,18 +39,18 @@ pub(super) fn add_equations(
     let Common { layout, subject, .. } = common;
     let sd = common.problem.config.landmark_sd;
     let window = Window::new(view);
-    for sample in landmarks.samples(view, &landmarks.points(&subject.shape)) {
-        let [x, y] = sample.residual;
+    for landmark in landmarks.residuals(view, &landmarks.points(&subject.shape)) {
+        let [x, y] = landmark.residual;
         let q = (x * x + y * y) / (sd * sd);
         let freedom = LANDMARK_FREEDOM as f32;
         let weight = (freedom + 2.0) / (freedom + q) / (sd * sd);
         for (axis, residual) in [x, y].into_iter().enumerate() {
             let mut cost = [0.0; 2];
             cost[axis] = 1.0;
-            let (moved, pose) = window.adjoint(sample.point, cost);
+            let (moved, pose) = window.adjoint(landmark.point, cost);
             let row = system.row();
             row.fill(0.0);
-            for (out, b) in row.iter_mut().take(layout.shape_rank).zip(sample.components) {
+            for (out, b) in row.iter_mut().take(layout.shape_rank).zip(landmark.components) {
                 *out = dot(moved, *b);
             }
             for (out, p) in

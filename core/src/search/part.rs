@@ -1,20 +1,21 @@
 //! The part of a model that photos show at a mode: all that a sampler around it looks at.
 //!
-//! Some triangles are seen, and the normals of their corners are made by the triangles around these. The
-//! other half of a head, say, is left out, and with it half the memory that every instance streams.
+//! It has the triangles that are seen, and those around their corners, by which normals are made. A side of
+//! the head that is turned away, say, is left out, and with it half the memory that every instance streams.
 
 use super::evidence::Evidence;
+use super::instance::{at, instance_words};
 use super::state::ModeSearch;
-use super::surface::{at, surface_words};
-use crate::basis::{Basis, LANES, padded};
+use crate::basis::{BLOCK, Basis, padded};
 use crate::memory::Carver;
 use crate::model::{Model, Triangles};
 use crate::render::rasterize::Hit;
 use bytemuck::try_cast_slice_mut;
 
-/// What a pixel counts at least, or it does not.
+/// What a pixel counts at least, or it is left out. Chosen, not measured.
 pub(super) const HARDLY: f32 = 0.01;
-/// Columns and rows of a block of pixels that one point of the surface stands for.
+/// Columns and rows of a block of pixels that one point of the surface stands for (docs/posterior.md, "What
+/// is sampled").
 pub(super) const APART: usize = 3;
 /// Number of a triangle or vertex that is left out.
 const NONE: u32 = u32::MAX;
@@ -50,8 +51,8 @@ pub struct Part<'m> {
 }
 
 impl<'m> Part<'m> {
-    /// Of what a search has found, in [`part_words`] of memory; `None` if there is less, or nothing is
-    /// seen.
+    /// The part that is seen in what a search has found, in [`part_words`] of memory; `None` if there is less,
+    /// or nothing is seen.
     pub fn new<'a: 'm, const OTHERS: usize>(
         search: &mut ModeSearch<'a, '_, OTHERS>,
         memory: &'m mut [u32],
@@ -100,9 +101,9 @@ impl<'m> Part<'m> {
         Some(Self { model, numbers })
     }
 
-    /// Words of memory that its surface needs.
-    pub(crate) fn surface_words(&self) -> usize {
-        surface_words(self.model.vertices(), self.model.triangles.len())
+    /// Words of memory that its instance needs.
+    pub(crate) fn instance_words(&self) -> usize {
+        instance_words(self.model.vertices(), self.model.triangles.len())
     }
 
     /// The part as a model.
@@ -124,21 +125,21 @@ fn copy<'m, 'a: 'm>(
     count: usize,
     carver: &mut Carver<'m>,
 ) -> Option<Basis<'m>> {
-    let (rank, blocks, own) = (basis.rank(), basis.mean.len() / 3, padded(count) / LANES);
-    let mean: &mut [[f32; LANES]] = try_cast_slice_mut(carver.words(3 * LANES * own)?).ok()?;
-    let columns: &mut [[i16; LANES]] =
-        try_cast_slice_mut(carver.words(3 * LANES * own * rank / 2)?).ok()?;
-    mean.fill([0.0; LANES]);
-    columns.fill([0; LANES]);
+    let (rank, blocks, own) = (basis.rank(), basis.mean.len() / 3, padded(count) / BLOCK);
+    let mean: &mut [[f32; BLOCK]] = try_cast_slice_mut(carver.words(3 * BLOCK * own)?).ok()?;
+    let columns: &mut [[i16; BLOCK]] =
+        try_cast_slice_mut(carver.words(3 * BLOCK * own * rank / 2)?).ok()?;
+    mean.fill([0.0; BLOCK]);
+    columns.fill([0; BLOCK]);
     for (from, to) in numbers.iter().enumerate().filter(|(_, to)| **to != NONE) {
         let to = *to as usize;
         for axis in 0..3 {
-            let (old, new) = (axis * blocks + from / LANES, axis * own + to / LANES);
-            mean.get_mut(new)?[to % LANES] = basis.mean.get(old)?[from % LANES];
+            let (old, new) = (axis * blocks + from / BLOCK, axis * own + to / BLOCK);
+            mean.get_mut(new)?[to % BLOCK] = basis.mean.get(old)?[from % BLOCK];
             let old = basis.columns.get(old * rank..(old + 1) * rank)?;
             let new = columns.get_mut(new * rank..(new + 1) * rank)?;
             for (new, old) in new.iter_mut().zip(old) {
-                new[to % LANES] = old[from % LANES];
+                new[to % BLOCK] = old[from % BLOCK];
             }
         }
     }

@@ -4,7 +4,7 @@ use crate::likelihood::background::{BINS, HISTOGRAM_LEN, bin};
 use crate::math;
 use core::ops::Range;
 
-/// The widest blur, pixels.
+/// The widest blur, pixels: room for the levels' and for the shade's.
 pub(super) const MAX_BLUR: f32 = 6.0;
 /// Taps to each side of the widest blur: three standard deviations.
 const REACH: usize = 18;
@@ -109,7 +109,8 @@ fn add(to: &mut [f32], from: &[f32], tap: f32) {
     }
 }
 
-/// Share of a colour nobody has seen that the background may yet have.
+/// Share of the background's density that is uniform: it may have colours that were not seen outside the
+/// face. Chosen, not measured.
 const UNSEEN: f32 = 0.2;
 
 /// Fills `ln_density` with the log density of each pixel's colour under the histogram of those

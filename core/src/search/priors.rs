@@ -11,10 +11,10 @@ use crate::scene::{Camera, Subject, View};
 /// Band of each spherical-harmonics coefficient.
 const BAND: [usize; 9] = [0, 1, 1, 1, 2, 2, 2, 2, 2];
 
-/// Widths of the priors that only the search uses. Radiances are of a white surface.
+/// Standard deviations of the priors that only the search uses. Radiances are those of a white surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Widths {
-    /// Of the radiance of surfaces that face the camera, on average over a cap of 60°.
+    /// Of the radiance of surfaces that face the camera, averaged over normals up to 60° from its direction.
     pub level: f32,
     /// Of the mean of the channels' light, by band: radiance at the band's brightest normal.
     pub intensity: [f32; 3],
@@ -33,7 +33,8 @@ pub struct Widths {
 }
 
 impl Default for Widths {
-    /// A face lit by about white light, more or less from the front.
+    /// A face lit by about white light, more or less from the front. Level, shape and albedo were measured
+    /// (docs/accuracy.md, "What is minimised", "Shape's prior, and albedo's again"); the rest was chosen.
     fn default() -> Self {
         Self {
             level: 0.1,

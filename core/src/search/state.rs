@@ -3,8 +3,8 @@
 use super::common::{Common, Energy, Options, Scratch, larger};
 use super::evidence::{Evidence, evidence_words};
 use super::gradient::gradient_words;
+use super::instance::{Instance, instance_words};
 use super::priors::Complexion;
-use super::surface::{Surface, surface_words};
 use super::unknowns::Layout;
 use crate::basis::{ByVertex, by_vertex_words};
 use crate::chain::{ChainError, Dimensions, Problem};
@@ -14,8 +14,8 @@ use crate::likelihood::background::HISTOGRAM_LEN;
 use crate::memory::Carver;
 use crate::scene::{Scene, Subject, View};
 
-/// Words of memory a [`ModeSearch`] of a problem needs. Without copies of the bases if it is to be
-/// [lean](Problem::lean): then it is slower, with the same bits.
+/// Words of memory a [`ModeSearch`] of a problem needs. A [lean](Problem::lean) one has no copies of the
+/// bases: it is slower, with the same bits.
 pub fn words(problem: &Problem<'_>, options: &Options<'_>) -> usize {
     let first = problem.dimensions();
     let photos = || core::iter::once(&problem.photo).chain(options.others);
@@ -24,7 +24,7 @@ pub fn words(problem: &Problem<'_>, options: &Options<'_>) -> usize {
     shared_words(&first, 1 + options.others.len(), pixels, problem.model.triangles.len()) + own
 }
 
-/// The same of one photo and sizes that are known before there is a problem.
+/// The same for one photo, by sizes that are known before there is a problem.
 pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
     shared_words(d, 1, d.width * d.height, triangles) + evidence_words(d)
 }
@@ -36,7 +36,7 @@ pub const fn words_for(d: &Dimensions, triangles: usize) -> usize {
 const fn shared_words(d: &Dimensions, views: usize, pixels: usize, triangles: usize) -> usize {
     let layout = Layout { shape_rank: d.shape_rank, albedo_rank: d.albedo_rank, views };
     let n = layout.len();
-    surface_words(d.vertices, triangles)
+    instance_words(d.vertices, triangles)
         + copies_words(d)
         + passing_words(d.vertices, pixels, n)
         + 5 * n
@@ -57,7 +57,7 @@ const fn passing_words(vertices: usize, pixels: usize, n: usize) -> usize {
     larger(larger(HISTOGRAM_LEN, gradient_words(vertices, pixels)), equations)
 }
 
-/// A running search, with room for so many photos besides the first.
+/// A running search, with room for `OTHERS` photos besides the first.
 pub struct ModeSearch<'a, 'w, const OTHERS: usize = 0> {
     pub(super) common: Common<'a, 'w>,
     pub(super) first: Evidence<'a, 'w>,
@@ -112,7 +112,7 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
             others.push(evidence).map_err(full)?;
             pixels = pixels.max(photo.image.pixels.len());
         }
-        let surface = Surface::carve(&mut carver, model).ok_or(error)?;
+        let instance = Instance::carve(&mut carver, model).ok_or(error)?;
         let common = Common {
             problem,
             widths: options.widths,
@@ -120,7 +120,7 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
             level: 0,
             layout,
             subject: Subject::mean(d.shape_rank, d.albedo_rank),
-            surface,
+            instance,
         };
         let mut floats = |count| carver.floats(count).ok_or(error);
         let rows = [floats(n)?, floats(n)?, floats(n)?];
@@ -205,9 +205,9 @@ impl<'a, 'w, const OTHERS: usize> ModeSearch<'a, 'w, OTHERS> {
 
     /// Computes and rasterizes the subject's surface in every view.
     pub(super) fn render(&mut self) {
-        let Common { problem: Problem { model, engine, .. }, subject, surface, .. } =
+        let Common { problem: Problem { model, engine, .. }, subject, instance, .. } =
             &mut self.common;
-        surface.update(model, engine, subject);
+        instance.update(model, engine, subject);
         for evidence in core::iter::once(&mut self.first).chain(&mut self.others) {
             evidence.render(&self.common);
         }

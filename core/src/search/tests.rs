@@ -1,7 +1,7 @@
 //! The derivatives against finite differences, and the search against its own promises.
 
+use super::instance::at;
 use super::shading::Shading;
-use super::surface::at;
 use super::unknowns::Layout;
 use super::window::Window;
 use super::*;
@@ -12,7 +12,7 @@ use crate::engine::Engine;
 use crate::image::Image;
 use crate::least_squares::{matrix_words, system_words};
 use crate::light::frontal;
-use crate::likelihood::landmarks::Observation;
+use crate::likelihood::landmarks::ObservedLandmark;
 use crate::math;
 use crate::memory::Carver;
 use crate::mesh::vertex_normals;
@@ -108,10 +108,13 @@ impl Case {
         f: impl FnOnce(ModeSearch<'_, '_>) -> T,
     ) -> T {
         let model = model(&self.bytes);
-        let observations: Vec<Observation<'_>> =
-            self.landmarks.iter().map(|&(name, position)| Observation { name, position }).collect();
+        let observed: Vec<ObservedLandmark<'_>> = self
+            .landmarks
+            .iter()
+            .map(|&(name, position)| ObservedLandmark { name, position })
+            .collect();
         let image = Image { pixels: &self.pixels, width: SIDE, height: SIDE };
-        let problem = Problem::new(&model, image, &observations, &self.config)
+        let problem = Problem::new(&model, image, &observed, &self.config)
             .with_engine(Engine::PORTABLE)
             .with_open(self.open.as_deref())
             .with_lean(lean);
@@ -196,14 +199,14 @@ fn potential(
     let mut scene = start.clone();
     let common = &mut search.common;
     advance(&mut scene, common.layout, &mut step);
-    common.surface.update(common.problem.model, common.problem.engine, &scene.subject);
+    common.instance.update(common.problem.model, common.problem.engine, &scene.subject);
     let shading = Shading::new(&scene.view);
     let mut sum = 0.0;
     for Followed { hit, gain, motion } in followed {
         let (corners, point) = common.point(&shading, hit).unwrap();
         sum += f64::from(dot(*gain, point.color));
         for (vertex, w) in corners.into_iter().zip(point.weights) {
-            let world = scene.view.pose.to_world(xyz(at(common.surface.positions, vertex)));
+            let world = scene.view.pose.to_world(xyz(at(common.instance.positions, vertex)));
             let (u, v, _) = scene.view.camera.project(world);
             sum += f64::from(w) * f64::from(motion[0]) * f64::from(u);
             sum += f64::from(w) * f64::from(motion[1]) * f64::from(v);
@@ -497,7 +500,7 @@ fn where_the_caller_says_it_is_hidden_is_no_face() {
     }
     let model = model(&case.bytes);
     let (name, position) = case.landmarks[0];
-    let observed = [Observation { name, position }];
+    let observed = [ObservedLandmark { name, position }];
     let image = Image { pixels: &case.pixels, width: SIDE, height: SIDE };
     let problem = Problem::new(&model, image, &observed, &case.config).with_open(Some(&open[1..]));
     let mut memory = vec![0; words(&problem, &Options::default())];
@@ -613,11 +616,11 @@ fn normals_are_those_of_the_renderer() {
     case.run(Options::default(), |search| {
         go(search, &case.truth);
         search.make_judged();
-        let Common { problem: Problem { model, .. }, surface, .. } = &search.common;
+        let Common { problem: Problem { model, .. }, instance, .. } = &search.common;
         let mut normals = vec![[0.0; 4]; padded(model.vertices())];
-        vertex_normals(model.triangles, surface.positions, &mut normals);
+        vertex_normals(model.triangles, instance.positions, &mut normals);
         for (v, normal) in normals.iter().enumerate().take(model.vertices()) {
-            let difference = sub(xyz(*normal), xyz(at(surface.normals, v)));
+            let difference = sub(xyz(*normal), xyz(at(instance.normals, v)));
             assert!(dot(difference, difference) < 1e-10, "{v}");
         }
     });
@@ -734,8 +737,8 @@ fn a_held_densitys_force_is_the_slope_of_its_energy() {
         let model = search.common.problem.model;
         let mut shown = vec![0; part_words(model)];
         let part = Part::new(&mut search, &mut shown).unwrap();
-        let surface = surface_words(model.vertices(), model.triangles.len());
-        let mut memory = vec![0; Held::words(&search) + surface];
+        let instance = instance_words(model.vertices(), model.triangles.len());
+        let mut memory = vec![0; Held::words(&search) + instance];
         let mut carver = Carver::new(&mut memory);
         let mut held = Held::new(search, &mut carver).unwrap();
         let mut factor = vec![0.0; matrix_words(n)];

@@ -12,7 +12,7 @@
 //! | 0..3 | rotation vector of the world, about the object's origin | radian |
 //! | 3, 4 | translation in x and y | mm |
 //! | 5 | zoom: the focal length grows by `eᶻ` | – |
-//! | 6 | recede: distance and focal length grow by `eᶻ` | – |
+//! | 6 | recede: distance and focal length both grow by `eᶻ`, so that the size stays | – |
 //! | then 27 | light, `[coefficient][channel]` | as in [`Light`](crate::light::Light) |
 //! | then 7 | gain (3), contrast, offset (3) | as in [`ColorTransform`](crate::color::ColorTransform) |
 
@@ -112,13 +112,13 @@ fn add(to: &mut [f32], step: &[f32]) {
 }
 
 impl Parts<'_> {
-    /// Goes the subject's step.
+    /// Moves a subject by its part of the step.
     pub fn advance_subject(&self, subject: &mut Subject) {
         add(&mut subject.shape, self.shape);
         add(&mut subject.albedo, self.albedo);
     }
 
-    /// Goes the view's.
+    /// Moves a view by its part of the step.
     pub fn advance_view(&self, view: &mut View) {
         let [wx, wy, wz, tx, ty, zoom, recede] = *self.pose;
         view.pose.turn([wx, wy, wz]);

@@ -1,6 +1,6 @@
 //! A small model of a mask, made of formulas: bytes to fit, to draw and to break.
 
-use onescan_core::basis::{LANES, padded};
+use onescan_core::basis::{BLOCK, padded};
 use onescan_core::hash::fnv64;
 use onescan_core::model::{
     CHECKED_FROM, HEADER_BYTES, MAGIC, Model, SECTION_ALIGN, Section, TABLE_AT, VERSION,
@@ -97,7 +97,7 @@ fn field(vertices: usize, f: impl Fn(usize, usize) -> f32) -> Vec<f32> {
         .collect()
 }
 
-/// Blocks of [`LANES`] field entries, component after component, in units of `largest / 32767`.
+/// Blocks of [`BLOCK`] field entries, component after component, in units of `largest / 32767`.
 fn basis(
     vertices: usize,
     rank: usize,
@@ -105,9 +105,9 @@ fn basis(
     largest: f32,
 ) -> Vec<i16> {
     let columns: Vec<_> = (0..rank).map(|k| field(vertices, |v, axis| f(v, axis, k))).collect();
-    (0..3 * padded(vertices) / LANES)
-        .flat_map(|block| columns.iter().map(move |column| &column[block * LANES..]))
-        .flat_map(|column| &column[..LANES])
+    (0..3 * padded(vertices) / BLOCK)
+        .flat_map(|block| columns.iter().map(move |column| &column[block * BLOCK..]))
+        .flat_map(|column| &column[..BLOCK])
         .map(|x| (x / largest * 32767.0).round() as i16)
         .collect()
 }

@@ -34,7 +34,7 @@ const FULL_RANK: usize = 199;
 /// Measures everything; half a minute or so, told to `progress` in `[0, 1]`.
 ///
 /// # Errors
-/// None in practice: everything it needs is built in.
+/// Never in practice: everything it needs is built in.
 pub fn measure(progress: &mut dyn FnMut(f64)) -> Result<Report> {
     let workload = Workload::new(&mut |done| progress(0.3 * done))?;
     let mut memory = vec![0; Stages::words(SIZE)];

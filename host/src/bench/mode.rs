@@ -31,7 +31,7 @@ pub struct ModeTime {
     /// Seconds if its operations at the peak, or moving these bytes at the memory's bandwidth,
     /// whichever takes longer, were all there is to do.
     pub roofline_seconds: f64,
-    /// Part of that speed reached.
+    /// Share of that speed reached.
     pub fraction_of_roofline: f64,
 }
 
@@ -45,13 +45,13 @@ impl ModeTime {
         bandwidth: f64,
     ) -> Result<Self> {
         let config = mode_config(rank);
-        let (model, landmarks) = (model.view(), workload.observations());
+        let (model, landmarks) = (model.view(), workload.observed());
         let problem = workload.problem(&model, &landmarks, &config);
         let mut memory = vec![0; search::words(&problem, &Options::default())];
         let mut times = Vec::new();
-        let mut samples = 0;
+        let mut pixels = 0;
         for _ in 0..REPETITIONS {
-            samples = 0;
+            pixels = 0;
             let begin = Instant::now();
             let mut search =
                 ModeSearch::new(problem, Options::default(), &mut memory).map_err(Error::new)?;
@@ -59,7 +59,7 @@ impl ModeTime {
             let mut start = Instant::now();
             while let Some(iteration) = search.step() {
                 again.push(start.elapsed());
-                samples += search::LEVELS[iteration.level].samples;
+                pixels += search::LEVELS[iteration.level].pixels;
                 start = Instant::now();
             }
             let known = times.iter().copied().chain(std::iter::repeat(Duration::MAX));
@@ -70,7 +70,7 @@ impl ModeTime {
             (2 * rank + search::unknowns::POSE + search::unknowns::LIGHT + search::unknowns::COLOR)
                 as f64;
         let entries = 2.0 * (rank * field_len(model.vertices())) as f64;
-        let equations = 3.0 * samples as f64 / iterations as f64;
+        let equations = 3.0 * pixels as f64 / iterations as f64;
         let flops = equations * n * n + n * n * n / 3.0 + 4.0 * entries;
         // Half a matrix of 4-byte numbers is read and written four times.
         let bytes = 3.0 * size_of::<i16>() as f64 * entries + 4.0 * 2.0 * 0.5 * 4.0 * n * n;
@@ -91,6 +91,6 @@ impl ModeTime {
 pub fn mode_config(rank: usize) -> Config {
     Config::default().with(|config| {
         (config.shape_rank, config.albedo_rank) = (rank, rank);
-        (config.landmark_samples, config.shape_samples, config.samples) = (0, 0, 0);
+        (config.landmark_steps, config.shape_steps, config.image_steps) = (0, 0, 0);
     })
 }

@@ -41,7 +41,7 @@ pub struct Report {
     pub engine: &'static str,
     /// The first with stages compiled for any processor of this kind.
     pub portable: Speed,
-    /// Part of the picture that the face covers.
+    /// Share of the picture that the face covers.
     pub covered_fraction: f64,
     /// Stages by name, and last the `step`: an image-evaluated step of the paper's chain beside
     /// the naive twins of rendering and likelihood.
@@ -56,7 +56,7 @@ pub struct Report {
     /// Image-evaluated steps per second if moving those bytes, at the cache's bandwidth, were all
     /// there is to do.
     pub roofline_steps_per_second: f64,
-    /// Part of that reached.
+    /// Share of that reached.
     pub fraction_of_roofline: f64,
     /// The most single-precision operations this machine does, one core, 10⁹ per second, not fused.
     pub peak_gflops: f64,
@@ -75,7 +75,7 @@ impl Report {
     /// As JSON text.
     ///
     /// # Errors
-    /// None in practice: all keys are text.
+    /// Never in practice: all keys are text.
     pub fn to_json(&self) -> Result<String> {
         serde_json::to_string_pretty(self).map_err(Error::new)
     }

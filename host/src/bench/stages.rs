@@ -9,7 +9,7 @@ use onescan_core::chain::Config;
 use onescan_core::engine::Engine;
 use onescan_core::lanes::planes_words;
 use onescan_core::likelihood::background::HISTOGRAM_LEN;
-use onescan_core::likelihood::pixels::{Known, Surface, Target, target_words};
+use onescan_core::likelihood::pixels::{Known, Rasterized, Target, target_words};
 use onescan_core::memory::Carver;
 use onescan_core::model::Model;
 use onescan_core::naive;
@@ -94,12 +94,12 @@ impl Buffers {
     }
 }
 
-fn surface<'s, 'w>(
+fn rasterized<'s, 'w>(
     frame: &'s Frame<'w>,
     model: &Model<'s>,
     buffers: &'s Buffers,
-) -> Surface<'s, 'w> {
-    Surface { frame, triangles: model.triangles, vertices: &buffers.attributes }
+) -> Rasterized<'s, 'w> {
+    Rasterized { frame, triangles: model.triangles, vertices: &buffers.attributes }
 }
 
 /// The stages and their naive twins on the workload's truth, each repeatable by itself: its input
@@ -170,8 +170,8 @@ impl<'w> Stages<'w> {
     }
 
     fn interpolate(&mut self) {
-        let surface = surface(&self.frame, &self.model, &self.fast);
-        (self.engine.interpolate)(&surface, Some(self.normals), self.albedo);
+        let rasterized = rasterized(&self.frame, &self.model, &self.fast);
+        (self.engine.interpolate)(&rasterized, Some(self.normals), self.albedo);
     }
 
     /// Runs a stage.
@@ -213,10 +213,12 @@ impl<'w> Stages<'w> {
     }
 
     fn residual(&self, known: Known<'_>) -> f64 {
-        let (surface, shader) =
-            (surface(&self.frame, &self.model, &self.fast), Shader::new(&self.workload.scene.view));
+        let (rasterized, shader) = (
+            rasterized(&self.frame, &self.model, &self.fast),
+            Shader::new(&self.workload.scene.view),
+        );
         let limit = f64::INFINITY;
-        (self.engine.residual)(&surface, known, &shader, &self.target, limit).unwrap_or(0.0)
+        (self.engine.residual)(&rasterized, known, &shader, &self.target, limit).unwrap_or(0.0)
     }
 
     /// Runs a stage's naive twin; `None` if it has none.

@@ -3,7 +3,7 @@
 use super::workload::{SEED, Workload};
 use crate::error::{Error, Result};
 use onescan_core::basis::{field_len, padded};
-use onescan_core::chain::{self, Chain, Config};
+use onescan_core::chain::{Chain, Config, PhaseName};
 use onescan_core::engine::Engine;
 use onescan_core::model::Triangles;
 use onescan_core::proposal::Touched;
@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::mem::size_of;
 use std::time::{Duration, Instant};
 
-/// Steps of the image stage in one run.
+/// Steps of the image phase in one run.
 const STEPS: u32 = 1500;
 /// Runs of the same chain.
 const REPETITIONS: usize = 2;
@@ -27,7 +27,7 @@ pub fn step_to_image(chain: &mut Chain<'_, '_>) -> bool {
     false
 }
 
-/// Speed of the image stage of a chain on one core.
+/// Speed of the image phase of a chain on one core.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Speed {
     /// Steps per second that compared the picture. The time of the others, turned down by an
@@ -37,9 +37,9 @@ pub struct Speed {
     pub all_steps_per_second: f64,
 }
 
-/// The image stage of a chain, timed.
+/// The image phase of a chain, timed.
 pub(super) struct Run {
-    /// Seconds of the whole stage.
+    /// Seconds of the whole phase.
     pub(super) seconds: f64,
     /// Steps that compared the picture; of these, how many computed positions, what is visible,
     /// and albedo anew.
@@ -53,25 +53,23 @@ impl Run {
     pub(super) fn new(
         workload: &Workload,
         engine: &Engine,
-        search: bool,
+        solve_light: bool,
         progress: &mut dyn FnMut(f64),
     ) -> Result<Self> {
         let config = Config::default().with(|config| {
-            config.samples = STEPS;
-            config.search = search;
+            config.image_steps = STEPS;
+            config.solve_light = solve_light;
         });
-        let (model, landmarks) = (workload.model.view(), workload.observations());
+        let (model, landmarks) = (workload.model.view(), workload.observed());
         let problem = workload.problem(&model, &landmarks, &config).with_engine(engine);
         let mut memory = vec![0_u32; problem.dimensions().words()];
         let mut times = vec![Duration::MAX; STEPS as usize];
         let mut evaluated = Vec::new();
         for repetition in 0..REPETITIONS {
             let mut chain = Chain::new(problem, SEED, 0, &mut memory).map_err(Error::new)?;
-            while chain.stage() == chain::Stage::Landmarks && chain.step().is_some() {}
-            let touches: Vec<Touched> = chain
-                .tallies(chain::Stage::Image)
-                .map(|(branch, _)| branch.kind.touches())
-                .collect();
+            while chain.phase() == PhaseName::Landmarks && chain.step().is_some() {}
+            let touches: Vec<Touched> =
+                chain.tallies(PhaseName::Image).map(|(branch, _)| branch.kind.touches()).collect();
             evaluated.clear();
             for time in &mut times {
                 let before = chain.checkpoint().image_evaluated;

@@ -11,7 +11,7 @@ use crate::simd;
 use onescan_core::chain::{Config, Problem};
 use onescan_core::draw::{draw, draw_words};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::{Coefficients, Scene, Subject, View};
@@ -20,7 +20,7 @@ use onescan_core::scene::{Coefficients, Scene, Subject, View};
 const RANK: usize = 60;
 /// Sides of the picture.
 pub(super) const SIZE: [u32; 2] = [256, 256];
-/// Part of the picture the face covers.
+/// Share of the picture the face covers.
 const COVERED: f64 = 0.4;
 /// Of the face, its light, the noise, and the chain.
 pub(super) const SEED: u64 = 7;
@@ -36,7 +36,7 @@ pub struct Workload {
     pub picture: Picture,
     /// Its landmarks, with errors of two pixels.
     pub landmarks: Tlms,
-    /// Part of the picture that the face covers, some 0.4.
+    /// Share of the picture that the face covers, some 0.4.
     pub covered: f64,
 }
 
@@ -44,7 +44,7 @@ impl Workload {
     /// Builds the model and draws the picture; a few seconds, told to `progress` in `[0, 1]`.
     ///
     /// # Errors
-    /// None: everything it needs is built in.
+    /// Never: everything it needs is built in.
     pub fn new(progress: &mut dyn FnMut(f64)) -> Result<Self> {
         let owned = demo::template_model(RANK, &mut |done, _| progress(done))?.model;
         let model = owned.view();
@@ -67,16 +67,16 @@ impl Workload {
     }
 
     /// The landmarks in the form a chain takes.
-    pub fn observations(&self) -> Vec<Observation<'_>> {
+    pub fn observed(&self) -> Vec<ObservedLandmark<'_>> {
         let visible = self.landmarks.visible();
-        visible.map(|l| Observation { name: &l.id, position: [l.x, l.y] }).collect()
+        visible.map(|l| ObservedLandmark { name: &l.id, position: [l.x, l.y] }).collect()
     }
 
     /// The fit of `model` (a view of [`Workload::model`]) to the picture.
     pub fn problem<'a>(
         &'a self,
         model: &'a Model<'a>,
-        landmarks: &'a [Observation<'a>],
+        landmarks: &'a [ObservedLandmark<'a>],
         config: &'a Config,
     ) -> Problem<'a> {
         let Picture { width, height, ref rgb } = self.picture;

@@ -131,22 +131,22 @@ pub(super) struct Fit {
     chain: ChainOptions,
 }
 
-/// Chains of a posterior, if nothing is said.
+/// Chains of a posterior, if nothing is said: as in docs/posterior.md.
 const CHAINS: u32 = 4;
 
 /// What only a chain has use for.
 #[derive(Args)]
 #[command(next_help_heading = "With --schedule paper or sampler")]
 struct ChainOptions {
-    /// Steps of the image stage [default: 5000].
-    #[arg(long)]
+    /// Steps of the image phase [default: 5000].
+    #[arg(long, value_name = "STEPS")]
     samples: Option<u32>,
-    /// Steps of the landmark stage before it [default: 5000].
-    #[arg(long)]
+    /// Steps of the landmark phase before it [default: 5000].
+    #[arg(long, value_name = "STEPS")]
     landmark_samples: Option<u32>,
     /// Steps between them, of pose and shape by the landmarks: for an object whose template is far
     /// from what the photo shows [default: 0].
-    #[arg(long)]
+    #[arg(long, value_name = "STEPS")]
     shape_samples: Option<u32>,
     /// Independent chains, run in parallel; the best state of all is kept [default: 1]. Of --posterior
     /// likewise, all states being kept [default: 4].
@@ -573,9 +573,9 @@ impl Fit {
         self.schedule.config(model, self.size).with(|config| {
             rank(&mut config.shape_rank, self.shape_rank);
             rank(&mut config.albedo_rank, self.albedo_rank);
-            set(&mut config.landmark_samples, self.chain.landmark_samples);
-            set(&mut config.shape_samples, self.chain.shape_samples);
-            set(&mut config.samples, self.chain.samples);
+            set(&mut config.landmark_steps, self.chain.landmark_samples);
+            set(&mut config.shape_steps, self.chain.shape_samples);
+            set(&mut config.image_steps, self.chain.samples);
             config.landmark_sd = self.landmark_sd.unwrap_or(config.landmark_sd);
             config.pixel_patch = self.pixel_patch.unwrap_or(config.pixel_patch);
         })

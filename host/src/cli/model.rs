@@ -99,7 +99,7 @@ pub(super) struct Posterior {
     #[arg(long)]
     mesh: Option<PathBuf>,
     #[command(flatten)]
-    part: Part,
+    selection: Selection,
     /// Standard deviation of a position, mm, where its file does not say.
     #[arg(long, default_value_t = 1.0, value_parser = positive)]
     noise: f64,
@@ -108,9 +108,9 @@ pub(super) struct Posterior {
     color_noise: f64,
 }
 
-/// A part of the surface.
+/// Some of the vertices.
 #[derive(Args)]
-struct Part {
+struct Selection {
     /// Vertices near this landmark; may be repeated.
     #[arg(long, value_name = "LANDMARK", conflicts_with = "mask")]
     around: Vec<String>,
@@ -130,7 +130,7 @@ pub(super) struct Region {
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
-    part: Part,
+    selection: Selection,
 }
 
 #[derive(Args)]
@@ -252,7 +252,7 @@ impl Project {
     }
 }
 
-impl Part {
+impl Selection {
     fn is_whole(&self) -> bool {
         self.around.is_empty() && self.mask.is_none()
     }
@@ -320,8 +320,8 @@ impl Posterior {
             let mesh = ply::read(path)?;
             // Says if the topology differs.
             model.about(&mesh).map_err(|e| Error::file(path, e))?;
-            let part = self.part.of(&model)?;
-            let known: Vec<usize> = (0..part.len()).filter(|&v| part[v]).collect();
+            let selected = self.selection.of(&model)?;
+            let known: Vec<usize> = (0..selected.len()).filter(|&v| selected[v]).collect();
             let observe = |field: &[[f32; 3]], deviation: f64| {
                 let at = |&v: &usize| {
                     Observation::isotropic(v as u32, field[v].map(f64::from), deviation)
@@ -331,7 +331,7 @@ impl Posterior {
             shape.extend(observe(&mesh.points, self.noise));
             albedo.extend(observe(&mesh.colors, self.color_noise));
             sources.push(format!("{} vertices of {}", known.len(), file_name(path)));
-        } else if !self.part.is_whole() {
+        } else if !self.selection.is_whole() {
             return Err(Error::new("--around and --mask choose a part of --mesh; give that too"));
         }
         let mut posterior = model.posterior(&shape, &albedo)?;
@@ -352,13 +352,13 @@ impl Posterior {
 impl Region {
     fn run(self, console: Console) -> Result<()> {
         model_file(&self.output)?;
-        if self.part.is_whole() {
+        if self.selection.is_whole() {
             return Err(Error::new("which region? give --around LANDMARK or --mask FILE"));
         }
         let model = read_model(console, &self.model)?;
-        let part = self.part.of(&model)?;
-        let mut region = model.region(|v| part[v as usize])?.orthonormal()?;
-        let from = format!("{} of {} vertices", region.shape.vertices(), part.len());
+        let selected = self.selection.of(&model)?;
+        let mut region = model.region(|v| selected[v as usize])?.orthonormal()?;
+        let from = format!("{} of {} vertices", region.shape.vertices(), selected.len());
         region.provenance = with_line(&region.provenance, "region_of", &from);
         write(console, &self.model, &self.output, &region)
     }

@@ -19,7 +19,7 @@ use std::sync::atomic::Ordering;
 /// Say who is in photos: which faces of a gallery are the most alike.
 ///
 /// The gallery is a directory; the probes are directories, or single ones of what these hold: photos
-/// (NAME.jpg), which are fitted first by --model, or fits of before (NAME/fit.json, as `onescan fit
+/// (NAME.jpg), which are fitted first by --model, or earlier fits (NAME/fit.json, as `onescan fit
 /// -o GALLERY/NAME` leaves them). Landmarks of photos are found, or read if they are beside (NAME.tlms);
 /// of several faces in a photo the largest counts. Faces are compared by the
 /// coefficients that fits found, so all must be of one model, or of one mixture: of a mixture the

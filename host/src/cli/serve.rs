@@ -15,7 +15,7 @@ use tiny_http::{Header, Method, Request, Response, Server};
 
 /// Requests that are answered at a time, so that one who reads slowly does not keep the others waiting.
 const THREADS: usize = 8;
-/// Largest file of a page, bytes.
+/// Largest file of a page, bytes. Chosen, not measured.
 const MOST: u64 = 1 << 26;
 
 /// Serve the page, which fits faces in the browser, to this computer's browsers.

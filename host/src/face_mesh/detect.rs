@@ -12,7 +12,7 @@ use onescan_core::math;
 
 /// What the detector tells of each anchor: a box's centre and size, then six points.
 const TOLD: usize = 16;
-/// Least score of a face.
+/// Least score of a face; this and the next, like the factor for the mesh, are MediaPipe's.
 const SCORE: f32 = 0.5;
 /// Boxes that share more of their union than this are of one face.
 const SAME: f32 = 0.3;

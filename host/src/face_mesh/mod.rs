@@ -20,7 +20,8 @@ use std::f32::consts::{FRAC_PI_2, PI};
 #[cfg(feature = "full")]
 use std::{path::Path, sync::LazyLock};
 
-/// Parts of a photo of fewer pixels across are not searched: their faces are too small to fit.
+/// Parts of a photo of fewer pixels across are not searched: their faces are too small to fit. Chosen, not
+/// measured.
 const SMALLEST_PART: f32 = 192.0;
 
 /// Finds faces and their landmarks.
@@ -46,7 +47,7 @@ pub struct Face {
 }
 
 impl Face {
-    /// Its landmarks by our names, but those that the photo's edge cuts off.
+    /// Its landmarks by our names, without those that lie beyond the photo's edge.
     pub fn landmarks(&self) -> Tlms {
         let mut landmarks = Tlms::of_mesh(&self.points);
         landmarks.keep_within(self.photo);
@@ -55,10 +56,10 @@ impl Face {
 }
 
 impl Detector {
-    /// Of the contents of `face_detection_short_range.tflite` and `face_landmark.tflite`.
+    /// Makes one of the contents of `face_detection_short_range.tflite` and `face_landmark.tflite`.
     ///
     /// # Errors
-    /// Saying which of both is damaged, or is another network.
+    /// A file that is damaged or holds another network; the message says which of the two.
     pub fn new(detector: &[u8], mesh: &[u8]) -> Result<Self> {
         let read = |name: &str, bytes: &[u8], input: usize, outputs: &[usize]| {
             let network = tflite::read(bytes)
@@ -74,7 +75,7 @@ impl Detector {
         })
     }
 
-    /// With the networks that the program carries.
+    /// The one with the networks that the program carries.
     ///
     /// # Panics
     /// Never: that they are whole is tested.
@@ -89,9 +90,9 @@ impl Detector {
 
     /// The faces of a photo, the largest first.
     ///
-    /// Faces below a seventh of what the detector sees are overlooked, and so are those that are turned by more
-    /// than 45° or so: if there is none in the whole photo, it is looked at from its other sides, then
-    /// overlapping squares of half, then a quarter its size are searched.
+    /// The detector overlooks faces smaller than a seventh of what it sees, and those turned by more than 45° or
+    /// so. If there is none in the whole photo, the photo is turned by quarters; then overlapping squares of half
+    /// its size, then of a quarter, are searched.
     pub fn faces(&self, photo: &Picture) -> Vec<Face> {
         let [width, height] = [photo.width, photo.height].map(|side| side as f32);
         let side = width.max(height);
@@ -139,15 +140,15 @@ impl Detector {
     }
 }
 
-/// Landmarks of a photo, of a file or found.
+/// Landmarks of a photo, read from a file or found.
 #[cfg(feature = "full")]
 #[derive(Clone, Debug)]
 pub struct Marked {
     /// The landmarks.
     pub landmarks: Tlms,
-    /// Whether they were found.
+    /// Whether they were found, not read.
     pub found: bool,
-    /// Of several faces, which one this is.
+    /// If there are several faces, a sentence that says which one this is.
     pub note: Option<String>,
     /// Whether a model need not know all of their names.
     some: bool,
@@ -187,10 +188,10 @@ impl Marked {
         Ok(Self { landmarks: face.landmarks(), found: true, note, some: true })
     }
 
-    /// Those that a model with landmarks of these names has a use for.
+    /// The landmarks that a model with landmarks of these names can use.
     ///
     /// # Errors
-    /// Found ones, of which the model knows less than it needs.
+    /// Landmarks that were found, if fewer are left than a fit needs.
     pub fn known(&self, names: &[&str]) -> Result<Tlms> {
         let mut known = self.landmarks.clone();
         if self.some {

@@ -6,9 +6,9 @@
 /// What is wrong with a network.
 type Fault = &'static str;
 
-/// Output channels that are summed side by side.
-const LANES: usize = 8;
-/// Output columns that are summed side by side.
+/// Output channels that are summed side by side. Chosen, not measured.
+const CHANNELS: usize = 8;
+/// Output columns that are summed side by side. Chosen, not measured.
 const COLUMNS: usize = 4;
 /// The most numbers a tensor may have.
 const MOST: usize = 1 << 24;
@@ -90,11 +90,11 @@ struct Window {
 /// A layer, ready to run.
 #[derive(Debug)]
 enum Layer {
-    /// Weights are `[⌈out/LANES⌉][row·column·in][LANES]`.
+    /// Weights are `[⌈out/CHANNELS⌉][row·column·in][CHANNELS]`.
     Convolution {
         window: Window,
-        weights: Vec<[f32; LANES]>,
-        bias: Vec<[f32; LANES]>,
+        weights: Vec<[f32; CHANNELS]>,
+        bias: Vec<[f32; CHANNELS]>,
     },
     /// Weights are `[row·column][channel]`.
     Depthwise {
@@ -303,12 +303,12 @@ fn layer(
             fits(channels == from[2] && out == to[2] && weights.len() == out * taps)?;
             fits(bias.len() == out)?;
             let lane = |o: usize, at: usize| weights.get(o * taps + at).copied().unwrap_or(0.0);
-            let weights = (0..out.div_ceil(LANES) * taps)
-                .map(|i| std::array::from_fn(|l| lane(i / taps * LANES + l, i % taps)))
+            let weights = (0..out.div_ceil(CHANNELS) * taps)
+                .map(|i| std::array::from_fn(|l| lane(i / taps * CHANNELS + l, i % taps)))
                 .collect();
-            let bias = (0..out.div_ceil(LANES))
+            let bias = (0..out.div_ceil(CHANNELS))
                 .map(|block| {
-                    std::array::from_fn(|l| bias.get(block * LANES + l).copied().unwrap_or(0.0))
+                    std::array::from_fn(|l| bias.get(block * CHANNELS + l).copied().unwrap_or(0.0))
                 })
                 .collect();
             Layer::Convolution { window, weights, bias }
@@ -438,8 +438,8 @@ fn convolve(
     picture: &[f32],
     [from, to]: [Shape; 2],
     window: &Window,
-    weights: &[[f32; LANES]],
-    bias: &[[f32; LANES]],
+    weights: &[[f32; CHANNELS]],
+    bias: &[[f32; CHANNELS]],
 ) -> Vec<f32> {
     let (picture, grown) = window.grown(picture, from, 0.0);
     let mut made = vec![0.0; len(to)];
@@ -471,7 +471,7 @@ fn convolve_pixels<const N: usize>(
     picture: &[f32],
     [_, columns, channels]: Shape,
     window: &Window,
-    (weights, bias): (&[[f32; LANES]], &[[f32; LANES]]),
+    (weights, bias): (&[[f32; CHANNELS]], &[[f32; CHANNELS]]),
     [y, x]: [usize; 2],
     row: &mut [f32],
     out: usize,
@@ -493,9 +493,9 @@ fn convolve_pixels<const N: usize>(
                 }
             }
         }
-        let count = LANES.min(out - block * LANES);
+        let count = CHANNELS.min(out - block * CHANNELS);
         for (i, sums) in sums.iter().enumerate() {
-            row[(x + i) * out + block * LANES..][..count].copy_from_slice(&sums[..count]);
+            row[(x + i) * out + block * CHANNELS..][..count].copy_from_slice(&sums[..count]);
         }
     }
 }

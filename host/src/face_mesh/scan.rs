@@ -14,7 +14,7 @@ use std::f32::consts::FRAC_PI_2;
 
 /// Behind the scan: faces are found as well before white, but less surely.
 const GROUND: [u8; 3] = [128; 3];
-/// Side of the pictures, pixels.
+/// Side of the pictures, pixels. Chosen, not measured.
 const SIDE: u32 = 512;
 /// Yaw and pitch of the first looks: from all six sides, as it is not known which one the face looks to.
 const SIDES: [[f32; 2]; 6] = [
@@ -25,9 +25,10 @@ const SIDES: [[f32; 2]; 6] = [
     [-FRAC_PI_2, 0.0],
     [2.0 * FRAC_PI_2, 0.0],
 ];
-/// Yaw of the second looks, of a face whose place is known.
+/// Yaw of the second looks, of a face whose place is known. Chosen, not measured.
 const TURNS: [f32; 3] = [-0.3, 0.0, 0.3];
 /// What the second looks show about the face's middle, as a multiple of the distance from eyes to mouth.
+/// Chosen, not measured.
 const AROUND: f32 = 2.0;
 
 /// A landmark on a scan.
@@ -46,7 +47,7 @@ pub struct Mark {
 pub struct FaceOnScan {
     /// Its landmarks.
     pub marks: Vec<Mark>,
-    /// It from the front.
+    /// The face from the front.
     pub picture: Picture,
     /// Where the landmarks were found in that picture.
     pub in_picture: Tlms,
@@ -54,9 +55,9 @@ pub struct FaceOnScan {
 
 /// Finds a face on a scan, whichever way it looks.
 ///
-/// Pictures from all sides tell where it looks, then three pictures of the face alone, from the front and
-/// half from both sides, where its landmarks are: each is where that picture has it with which the others
-/// agree best.
+/// Pictures from all sides tell which way it looks. Then three pictures of the face alone, from the front and
+/// turned a little to both sides, tell where its landmarks are: of each landmark that picture's place is taken
+/// which the other two agree with best.
 ///
 /// # Errors
 /// No face in any of the pictures.

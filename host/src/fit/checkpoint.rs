@@ -49,7 +49,7 @@ impl Save {
     /// The file's bytes. Binary, because every bit of every number must come back.
     ///
     /// # Errors
-    /// None in practice; the encoder's are passed on.
+    /// Never in practice: those of the encoder are passed on.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         pack(MAGIC, self)
     }

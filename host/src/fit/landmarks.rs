@@ -9,22 +9,23 @@ use crate::vector::{self, dot, turned};
 use onescan_core::basis::Basis;
 use onescan_core::chain::{Config, Problem};
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::scene::{MAX_RANK, View};
 use onescan_core::search::{self, ModeSearch, Options};
 
-/// A landmark farther from its fitted place than this many standard deviations is named.
+/// A landmark farther from its fitted place than this many standard deviations is named. Chosen, not measured.
 const FAR: f64 = 4.0;
 /// One farther than this from where all landmarks put the mean has no say in what is looked at,
-/// as a part of the crop's longer side: a quarter of what the landmarks of a face span in it.
+/// as a share of the crop's longer side: a quarter of what the landmarks of a face span in it.
 const ASTRAY: f64 = 30.0 / 256.0;
 /// Energy of landmarks that the mean explains: most faces' have below 1, with a wrong one among a
 /// dozen below 3.
 const GOOD: f64 = 4.0;
-/// Yaw beyond which half of a face is guessed, degrees.
+/// Yaw beyond which half of a face is guessed, degrees. Chosen, not measured.
 const AWAY: f32 = 60.0;
-/// Pixels of the photo that a face needs, and the share of them that nothing hides.
+/// Pixels of the photo that a face needs, and the share of them that nothing hides. Chosen, not measured, as
+/// are the next.
 const ENOUGH_PIXELS: f64 = 900.0;
 const ENOUGH_SEEN: f64 = 0.3;
 /// Standard deviation of the brightness that a face has at least, `[0, 1]`; a wall has less.
@@ -48,7 +49,7 @@ pub struct Explained {
 /// Landmarks the model does not have.
 pub fn explain(
     model: &Model<'_>,
-    landmarks: &[Observation<'_>],
+    landmarks: &[ObservedLandmark<'_>],
     crop: &Crop,
     sd: f32,
 ) -> Result<Explained> {
@@ -106,8 +107,11 @@ fn in_crop(landmarks: &Tlms, crop: &Crop) -> Vec<(String, [f32; 2])> {
     landmarks.visible().map(|l| (l.id.clone(), place(l.x, l.y))).collect()
 }
 
-fn observations(landmarks: &[(String, [f32; 2])]) -> Vec<Observation<'_>> {
-    landmarks.iter().map(|(name, position)| Observation { name, position: *position }).collect()
+fn named(landmarks: &[(String, [f32; 2])]) -> Vec<ObservedLandmark<'_>> {
+    landmarks
+        .iter()
+        .map(|(name, position)| ObservedLandmark { name, position: *position })
+        .collect()
 }
 
 /// Looks whether landmarks in a photo of a size can be a model's.
@@ -129,10 +133,10 @@ pub fn check_sides(
     if !other.iter().all(known) || other == given {
         return Ok(());
     }
-    if explain(model, &observations(&given), &crop, sd)?.facing > 0.0 {
+    if explain(model, &named(&given), &crop, sd)?.facing > 0.0 {
         return Ok(());
     }
-    let other = explain(model, &observations(&other), &crop, sd)?;
+    let other = explain(model, &named(&other), &crop, sd)?;
     if other.facing <= 0.0 || other.energy > GOOD {
         return Ok(());
     }
@@ -150,8 +154,8 @@ pub fn check_sides(
     }))
 }
 
-/// The part of a photo to look at: [`Crop::around`] the landmarks, but for those that are far from
-/// where the others put the model.
+/// The part of a photo to look at: [`Crop::around`] the landmarks, without those that are far from where
+/// the others put the model.
 ///
 /// # Errors
 /// Those of [`Crop::around`]; landmarks the model does not have.
@@ -166,7 +170,7 @@ pub fn crop_around(
         |landmarks: &Tlms| Crop::around(&landmarks.visible_points(), photo, Crop::ENLARGE, side);
     let crop = around(landmarks)?;
     let observed = in_crop(landmarks, &crop);
-    let found = explain(model, &observations(&observed), &crop, sd)?.view;
+    let found = explain(model, &named(&observed), &crop, sd)?.view;
     let astray = ASTRAY * f64::from(side);
     let near: Vec<&str> = observed
         .iter()

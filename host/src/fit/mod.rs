@@ -20,11 +20,11 @@ use checkpoint::ChainSave;
 use summary::ModeFound;
 
 pub use mode::Searching;
-use onescan_core::chain::{self, Chain, Config, Problem, Quality, Stage, State, Step, Tally};
+use onescan_core::chain::{self, Chain, Config, PhaseName, Problem, Quality, State, Step, Tally};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
+use onescan_core::likelihood::landmarks::ObservedLandmark;
 use onescan_core::model::Model;
 use onescan_core::proposal::Branch;
 #[cfg(feature = "full")]
@@ -37,7 +37,7 @@ pub(crate) use {
     parallel::{EVERY, OF_ANOTHER, find_mode_and},
 };
 
-/// Points of a likelihood trace.
+/// Points of a likelihood trace. Chosen, not measured.
 const TRACE_POINTS: u32 = 400;
 
 /// What is to be fitted.
@@ -63,18 +63,18 @@ pub struct Job<'a> {
     pub chains: u32,
 }
 
-/// One point of a trace: step over both stages, and the log likelihood of the stage.
+/// One point of a trace: step over both phases, and the log likelihood of the phase.
 pub type TracePoint = (u32, f64);
 
-/// Acceptance of one kind of proposal in one stage.
+/// Acceptance of one kind of proposal in one phase.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Acceptance {
-    /// The stage.
-    pub stage: Stage,
+    /// The phase.
+    pub phase: PhaseName,
     /// The proposal's name.
     pub name: &'static str,
-    /// Whether it is a search move.
-    pub search: bool,
+    /// Whether it steers, see [`Move::steers`](onescan_core::proposal::Move::steers).
+    pub steers: bool,
     /// How often.
     pub tally: Tally,
 }
@@ -83,23 +83,23 @@ pub struct Acceptance {
 pub struct Fit {
     /// What the fit looked at.
     pub crop: Crop,
-    /// The state the image stage began with, of the winning chain.
+    /// The state the image phase began with, of the winning chain.
     pub initial: State,
-    /// The best state of the image stage, of the winning chain. Its camera sees the crop.
+    /// The best state of the image phase, of the winning chain. Its camera sees the crop.
     pub best: State,
-    /// Fit of the initial state.
+    /// How well the initial state fits.
     pub initial_quality: Quality,
-    /// Fit of the best state.
+    /// How well the best state fits.
     pub best_quality: Quality,
     /// Hash of the accepted states of all chains.
     pub fingerprint: u64,
-    /// Steps of all chains and stages.
+    /// Steps of all chains and phases.
     pub steps: u64,
-    /// Accepted steps of all chains and stages.
+    /// Accepted steps of all chains and phases.
     pub accepted: u64,
     /// Steps of all chains that compared the picture.
     pub image_evaluated: u64,
-    /// Seconds of the slowest chain, both stages; of a resumed fit, since it was resumed.
+    /// Seconds of the slowest chain, all phases; of a resumed fit, since it was resumed.
     pub seconds: f64,
     /// Steps per second of one chain.
     pub steps_per_second: f64,
@@ -107,7 +107,7 @@ pub struct Fit {
     pub trace: Vec<TracePoint>,
     /// Acceptance over all chains.
     pub acceptance: Vec<Acceptance>,
-    /// Of a search for the mode.
+    /// What a search for the mode leaves besides; `None` of a chain.
     pub mode: Option<Mode>,
 }
 
@@ -126,13 +126,13 @@ pub struct Mode {
     pub found: ModeFound,
     /// Probability of each pixel of the crop to show the face; 0 where it does not reach.
     pub mask: Vec<f32>,
-    /// How exact it is, approximately, if that was computed.
+    /// How exact the result is, approximately, if that was computed.
     #[cfg(feature = "full")]
     pub laplace: Option<summary::Laplace>,
 }
 
 impl Job<'_> {
-    /// The fit that the ended chains amount to; `None` if there are none.
+    /// The fit that chains which have ended make up together; `None` if there are none.
     pub fn summarize(&self, runs: Vec<Run>) -> Option<Fit> {
         let fingerprint = match &runs[..] {
             [one] => one.save.checkpoint.fingerprint.finish(),
@@ -150,7 +150,7 @@ impl Job<'_> {
         };
         let mut acceptance: Vec<Acceptance> = Vec::new();
         for entry in runs.iter().flat_map(|run| &run.acceptance) {
-            match acceptance.iter_mut().find(|a| (a.stage, a.name) == (entry.stage, entry.name)) {
+            match acceptance.iter_mut().find(|a| (a.phase, a.name) == (entry.phase, entry.name)) {
                 Some(a) => {
                     a.tally.proposed += entry.tally.proposed;
                     a.tally.accepted += entry.tally.accepted;
@@ -198,7 +198,7 @@ pub struct Observed<'a> {
     /// The pixels.
     pub picture: Picture,
     /// The visible landmarks.
-    pub landmarks: Vec<Observation<'a>>,
+    pub landmarks: Vec<ObservedLandmark<'a>>,
 }
 
 impl<'a> Observed<'a> {
@@ -209,7 +209,7 @@ impl<'a> Observed<'a> {
     pub fn new(photo: &Picture, landmarks: &'a Tlms, crop: &Crop) -> Result<Self> {
         let positions = landmarks.visible().map(|l| {
             let p = crop.to_crop([f64::from(l.x), f64::from(l.y)]);
-            Observation { name: &l.id, position: p.map(|x| x as f32) }
+            ObservedLandmark { name: &l.id, position: p.map(|x| x as f32) }
         });
         Ok(Self { landmarks: positions.collect(), picture: crop.cut(photo)? })
     }
@@ -321,9 +321,9 @@ impl<'a, 'w> Running<'a, 'w> {
 
 fn trace_point(chain: &Chain<'_, '_>, at: u32, trace: &mut Vec<TracePoint>) {
     let density = chain.state().density;
-    let value = match chain.stage() {
-        Stage::Landmarks | Stage::Shape => density.landmarks,
-        Stage::Image => density.image,
+    let value = match chain.phase() {
+        PhaseName::Landmarks | PhaseName::Shape => density.landmarks,
+        PhaseName::Image => density.image,
     };
     // A state the picture does not see at all has no finite likelihood and no place in a chart.
     if value.is_finite() && trace.last().is_none_or(|&(last, _)| last < at) {
@@ -331,15 +331,15 @@ fn trace_point(chain: &Chain<'_, '_>, at: u32, trace: &mut Vec<TracePoint>) {
     }
 }
 
-/// Acceptance by stage and name, summed over the leaves of a name, in the tree's order.
+/// Acceptance by phase and name, summed over the leaves of a name, in the tree's order.
 fn acceptance(chain: &Chain<'_, '_>) -> Vec<Acceptance> {
     let mut all = Vec::new();
-    for stage in Stage::ALL {
+    for phase in PhaseName::ALL {
         let mut by_name: BTreeMap<&str, usize> = BTreeMap::new();
-        for (Branch { name, kind, .. }, tally) in chain.tallies(stage) {
+        for (Branch { name, kind, .. }, tally) in chain.tallies(phase) {
             let index = *by_name.entry(name).or_insert_with(|| {
                 let tally = Tally::default();
-                all.push(Acceptance { stage, name, search: kind.is_search(), tally });
+                all.push(Acceptance { phase, name, steers: kind.steers(), tally });
                 all.len() - 1
             });
             let sum: &mut Tally = &mut all[index].tally;

@@ -65,7 +65,7 @@ impl<'a, 'w> Searching<'a, 'w> {
     /// are those it was started with, in their order.
     ///
     /// # Errors
-    /// None for these.
+    /// Never, for those.
     pub fn end<'p>(
         &self,
         photos: impl IntoIterator<Item = (&'p Job<'p>, Problem<'p>)>,

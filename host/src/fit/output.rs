@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::files::publish;
 use crate::fit::rps::Rps;
 use crate::fit::summary::{
-    BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Stage, Summaries, Summary, hex,
+    BeforeAfter, LandmarkFound, ModelUsed, PhotoUsed, Proposal, Summaries, Summary, hex,
 };
 use crate::mesh::ply::{self, Encoding};
 use crate::mesh::skin::Skin;
@@ -16,7 +16,6 @@ use crate::photo::picture::{self, Picture, Rgb};
 use crate::photo::tlms::Tlms;
 use crate::render;
 use crate::texture::{self, Shot};
-use onescan_core::chain;
 use onescan_core::model::Model;
 use onescan_core::scene::{Scene, Subject};
 use std::fmt::{Display, Write as _};
@@ -56,16 +55,16 @@ const SAMPLED: [&str; 6] = [
     "uncertainty.png",
 ];
 
-/// What the files are called, with the directories that were given; without them in texts about the fit.
+/// What the files are called, with directories as they were given; texts about the fit leave these out.
 #[derive(Clone, Debug)]
 pub struct Names {
-    /// Of the model.
+    /// The model's file.
     pub model: String,
-    /// What the command is given for it, quoted, if that is something else: a mixture, several models.
+    /// What the command was given in place of the model's file, quoted: a mixture, or several models.
     pub given: Option<String>,
     /// Which face was found, by size from 1.
     pub face: u32,
-    /// Of the photos of one subject.
+    /// The files of each photo of the subject.
     pub photos: Vec<PhotoNames>,
 }
 
@@ -102,11 +101,11 @@ pub fn quoted(name: &str) -> String {
 /// What a photo's files are called.
 #[derive(Clone, Debug)]
 pub struct PhotoNames {
-    /// Of the photo.
+    /// The photo's file.
     pub image: String,
-    /// Of the landmarks; none if they were found.
+    /// The file of its landmarks; none if they were found.
     pub landmarks: Option<String>,
-    /// Of the mask, if there is one.
+    /// The file of its mask, if there is one.
     pub mask: Option<String>,
 }
 
@@ -116,7 +115,7 @@ pub struct Finished {
     pub summary: Summary,
     /// The fitted face: shape in the model's frame, albedo as colours.
     pub mesh: Mesh,
-    /// What it looks like, by all photos of the subject.
+    /// What it looks like, in the colours of all photos of the subject.
     pub skin: Arc<Skin>,
     /// The pictures.
     pub pictures: Pictures,
@@ -138,7 +137,7 @@ pub struct Pictures {
     pub textured: [Picture; 2],
     /// The whole photo with the fitted model drawn on it.
     pub whole: Picture,
-    /// Of a search for the mode.
+    /// What hides the face, if the fit was a search for the mode.
     pub masked: Option<Masked>,
     /// How far the shape is known, if a sampler was asked: the mean face from three sides, coloured by
     /// the standard deviation of its vertices.
@@ -161,7 +160,7 @@ pub struct Masked {
 /// texture.
 ///
 /// # Errors
-/// None for fits of these jobs, and a name for each photo.
+/// Never, if the fits are of these jobs and there are names for each photo.
 pub fn finish(
     jobs: &[Job<'_>],
     fits: &[Fit],
@@ -192,7 +191,7 @@ pub fn finish(
 /// Bakes what a subject looks like, by all its photos.
 ///
 /// # Errors
-/// No photos; none for fits of these jobs.
+/// No photos. Never, if there are some and the fits are of these jobs.
 pub fn skin(jobs: &[Job<'_>], fits: &[Fit], kind: texture::Kind) -> Result<Skin> {
     let (Some(job), Some(fit)) = (jobs.first(), fits.first()) else {
         return Err(Error::new("a fit without photos"));
@@ -245,9 +244,9 @@ pub fn summarize(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Resul
         seed: job.seed,
         fingerprint: hex(fit.fingerprint),
         chains: job.chains,
-        landmark_samples: config.landmark_samples,
-        shape_samples: config.shape_samples,
-        samples: config.samples,
+        landmark_steps: config.landmark_steps,
+        shape_steps: config.shape_steps,
+        image_steps: config.image_steps,
         steps: fit.steps,
         accepted: fit.accepted,
         steps_per_second: fit.steps_per_second,
@@ -266,15 +265,11 @@ pub fn summarize(job: &Job<'_>, fit: &Fit, names: &Names, photo: usize) -> Resul
             .acceptance
             .iter()
             .map(|a| Proposal {
-                stage: match a.stage {
-                    chain::Stage::Landmarks => Stage::Landmarks,
-                    chain::Stage::Shape => Stage::Shape,
-                    chain::Stage::Image => Stage::Image,
-                },
+                phase: a.phase,
                 name: a.name.into(),
                 proposed: a.tally.proposed.into(),
                 accepted: a.tally.accepted.into(),
-                search: a.search,
+                steers: a.steers,
             })
             .collect(),
         trace: fit.trace.clone(),
@@ -314,10 +309,10 @@ fn command(job: &Job<'_>, names: &Names) -> String {
     // Nothing in a search is random.
     add("seed", &job.seed, job.schedule != Schedule::Mode);
     add("schedule", &job.schedule, job.schedule != Schedule::default());
-    let (samples, landmark_samples) = (config.samples, config.landmark_samples);
-    add("samples", &samples, samples != base.samples);
-    add("landmark-samples", &landmark_samples, landmark_samples != base.landmark_samples);
-    add("shape-samples", &config.shape_samples, config.shape_samples != base.shape_samples);
+    add("samples", &config.image_steps, config.image_steps != base.image_steps);
+    let landmark_steps = config.landmark_steps;
+    add("landmark-samples", &landmark_steps, landmark_steps != base.landmark_steps);
+    add("shape-samples", &config.shape_steps, config.shape_steps != base.shape_steps);
     add("landmark-sd", &config.landmark_sd, config.landmark_sd != base.landmark_sd);
     add("shape-rank", &config.shape_rank, config.shape_rank != base.shape_rank);
     add("albedo-rank", &config.albedo_rank, config.albedo_rank != base.albedo_rank);
@@ -369,7 +364,7 @@ fn masked(crop: Crop, mask: &[f32], photo: &Picture, on_photo: &Picture) -> Mask
     Masked { mask, behind }
 }
 
-/// The photo with the model behind what the mask holds to be no face; all three of one size.
+/// The photo, with the model drawn where the mask says that the face is seen; all three of one size.
 pub fn behind(mask: &Picture, photo: &Picture, on_photo: &Picture) -> Picture {
     Picture::from_fn(photo.width, photo.height, |x, y| {
         let [face, model, before] =
@@ -442,7 +437,7 @@ impl Pictures {
 /// What a fit leaves behind: file names and contents, but for the report.
 ///
 /// # Errors
-/// None for a fit that [`finish`] made.
+/// Never for a fit that [`finish`] made.
 pub fn files(result: &Finished) -> Result<Vec<(String, Vec<u8>)>> {
     let rps = Rps {
         scene: result.summary.parameters.clone(),
@@ -483,7 +478,7 @@ fn meshes(Finished { mesh, skin, .. }: &Finished) -> Result<Vec<(String, Vec<u8>
 /// all numbers.
 ///
 /// # Errors
-/// None for fits that [`finish`] made.
+/// Never for fits that [`finish`] made.
 pub fn files_of_all(results: &[Finished]) -> Result<Vec<(String, Vec<u8>)>> {
     let fits = results.iter().map(|result| result.summary.clone()).collect();
     let mut all = vec![("summary.json".into(), Summaries { fits }.to_json()?.into_bytes())];

@@ -32,14 +32,14 @@ pub(crate) const OF_ANOTHER: &str = "it was saved by a fit of another model, pho
                                      settings; repeat the first command exactly, or fit without \
                                      --resume";
 
-/// Keeps what continues a fit.
+/// Called with what continues a fit, in order to keep it.
 pub type Keep<'a> = dyn Fn(&Save) -> Result<()> + Sync + 'a;
 
 /// How a fit ended.
 pub enum Ending {
     /// All steps were made.
     Done(Box<Fit>),
-    /// [`Control::stop`] was set; this continues the fit, if it was a chain's.
+    /// [`Control::stop`] was set. What is inside continues the fit, if it was a chain's.
     Stopped(Option<Box<Save>>),
 }
 
@@ -77,7 +77,7 @@ impl Job<'_> {
 
     /// Runs the fit, from the beginning or from where `resume` left it.
     ///
-    /// A search takes one thread, and nothing to resume. Chains run in parallel on rayon's threads;
+    /// A search takes one thread, and cannot be resumed. Chains run in parallel on rayon's threads;
     /// each is a function of the seed and its number, so the number of threads changes nothing.
     ///
     /// # Errors
@@ -87,8 +87,8 @@ impl Job<'_> {
         self.run_kept(resume, control, &|_| Ok(()))
     }
 
-    /// [`run`](Self::run), in which `keep` is given what continues the fit every few seconds, if it is
-    /// a chain's. Should that fail, the fit goes on: its result is worth more.
+    /// The same as [`run`](Self::run); if it is a chain's, `keep` is given what continues the fit every few
+    /// seconds. If `keep` fails, the fit goes on: its result is worth more.
     ///
     /// # Errors
     /// See [`run`](Self::run).
@@ -144,7 +144,7 @@ impl Job<'_> {
     }
 }
 
-/// Searches for the mode on one thread, the jobs being photos of one subject; fits photo by photo, or
+/// Searches for the mode on one thread, the jobs being photos of one subject. Returns a fit for each photo, or
 /// `None` if [`Control::stop`] was set. Model and settings are the first job's.
 ///
 /// # Errors

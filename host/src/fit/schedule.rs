@@ -20,8 +20,8 @@ pub enum Schedule {
 }
 
 impl Schedule {
-    /// Its settings for a model and a picture whose longer side is `side`. Errors are those of
-    /// [`Crop::LONGER_SIDE`] in proportion: a larger picture of the same says no more. A search takes
+    /// Its settings for a model and a picture whose longer side is `side`. Errors are those of a picture of
+    /// [`Crop::LONGER_SIDE`], in proportion, since a larger picture of the same says no more. A search takes
     /// all components (of each half at most [`MAX_RANK`]) and makes no steps of a chain; a chain takes
     /// the paper's numbers.
     pub fn config(self, model: &Model<'_>, side: u32) -> Config {
@@ -34,10 +34,10 @@ impl Schedule {
             Self::Mode => {
                 config.shape_rank = model.shape.rank().min(MAX_RANK);
                 config.albedo_rank = model.albedo.rank().min(MAX_RANK);
-                (config.landmark_samples, config.samples) = (0, 0);
+                (config.landmark_steps, config.image_steps) = (0, 0);
             }
             Self::Paper => config.pixel_patch = 1.0,
-            Self::Sampler => config.search = false,
+            Self::Sampler => config.solve_light = false,
         })
     }
 }

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::files::read_text;
 use crate::json;
 use crate::photo::{Crop, MAX_SIDE};
+use onescan_core::chain::PhaseName;
 use onescan_core::scene::Scene;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -11,7 +12,7 @@ use std::path::Path;
 /// A number before and after the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BeforeAfter {
-    /// Of the state the image stage began with.
+    /// Of the state the image phase began with.
     pub initial: f64,
     /// Of the best state.
     pub best: f64,
@@ -39,31 +40,21 @@ pub struct PhotoUsed {
     pub landmarks: usize,
 }
 
-/// Stage of a fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Stage {
-    /// Pose by landmarks.
-    Landmarks,
-    /// Pose and shape by landmarks.
-    Shape,
-    /// Everything by the picture.
-    Image,
-}
-
 /// How often one kind of proposal was made and accepted, over all chains.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// The stage.
-    pub stage: Stage,
+    /// The phase, which files call stage.
+    #[serde(rename = "stage")]
+    pub phase: PhaseName,
     /// The proposal's name.
     pub name: String,
     /// How often it was made.
     pub proposed: u64,
     /// How often it was accepted.
     pub accepted: u64,
-    /// Whether it is a search move, which steers the chain without the balance a sampler needs.
-    pub search: bool,
+    /// Whether it steers the chain without the balance a sampler needs, which files call search.
+    #[serde(rename = "search")]
+    pub steers: bool,
 }
 
 /// How a search for the mode ended.
@@ -84,22 +75,22 @@ pub struct ModeFound {
 }
 
 /// Standard deviations in Laplace's approximation: the posterior as a normal distribution about the
-/// mode. It knows the mode alone, and is too narrow where the posterior is bent; a sampler
-/// ([`PosteriorFound`]) tells what is.
+/// mode. It knows nothing but the mode, and is too narrow where the posterior is bent: a sampler knows better
+/// ([`PosteriorFound`]).
 #[cfg(feature = "full")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Laplace {
-    /// Log marginal likelihood of the photos under the model, up to a constant that the photos and
-    /// the settings tell: models may be compared on the same photos. 0 in files of before.
+    /// Log marginal likelihood of the photos under the model, up to a constant that depends on
+    /// photos and settings alone: models may be compared on the same photos. 0 in files of older versions.
     #[serde(default)]
     pub ln_evidence: f64,
     /// Rotation about the x, y and z axis (about pitch, yaw and roll), degrees.
     pub rotation_deg: [f32; 3],
     /// Translation along x and y, mm.
     pub translation_mm: [f32; 2],
-    /// Focal length at a fixed distance, as a part of it.
+    /// Focal length at a fixed distance, relative to it.
     pub zoom: f32,
-    /// Distance with the focal length in proportion, as a part of it.
+    /// Distance, with the focal length in proportion, relative to it.
     pub distance: f32,
     /// Shape coefficients.
     pub shape: Vec<f32>,
@@ -157,7 +148,7 @@ pub struct PosteriorFound {
     pub draws: u32,
     /// Steps of each before, thrown away.
     pub warm_up: u32,
-    /// Accepted trajectories, as a part of all.
+    /// Share of the trajectories that were accepted.
     pub acceptance: f64,
     /// Hash over the bits of every accepted state of all chains.
     pub fingerprint: String,
@@ -211,16 +202,18 @@ pub struct Summary {
     pub fingerprint: String,
     /// Number of chains; 1 of a search.
     pub chains: u32,
-    /// Steps of the landmark stage, per chain; like the next two 0 of a search.
-    pub landmark_samples: u32,
-    /// Steps of the shape stage, per chain.
-    #[serde(default)]
-    pub shape_samples: u32,
-    /// Steps of the image stage, per chain.
-    pub samples: u32,
-    /// Steps of all chains and stages, or of the search.
+    /// Steps of the landmark phase, per chain; like the next two 0 of a search.
+    #[serde(rename = "landmark_samples")]
+    pub landmark_steps: u32,
+    /// Steps of the shape phase, per chain.
+    #[serde(rename = "shape_samples", default)]
+    pub shape_steps: u32,
+    /// Steps of the image phase, per chain.
+    #[serde(rename = "samples")]
+    pub image_steps: u32,
+    /// Steps of all chains and phases, or of the search.
     pub steps: u64,
-    /// Accepted steps of all chains and stages.
+    /// Accepted steps of all chains and phases.
     pub accepted: u64,
     /// Steps per second of one chain.
     pub steps_per_second: f64,
@@ -240,7 +233,7 @@ pub struct Summary {
     /// Acceptance by kind of proposal.
     #[serde(default)]
     pub proposals: Vec<Proposal>,
-    /// The stage's log likelihood by step, thinned; steps count over all stages. Of a search the
+    /// The phase's log likelihood by step, thinned; steps count over all phases. Of a search the
     /// log posterior before and after each step, up to a constant of its level.
     #[serde(default)]
     pub trace: Vec<(u32, f64)>,
@@ -263,8 +256,8 @@ pub struct Summary {
     pub parameters: Scene,
 }
 
-/// The fits of a demo, or to several photos: the contents of `summary.json`. Or those of a mixture's
-/// components to one: of `components.json`.
+/// Several fits: of a demo or to several photos, the contents of `summary.json`; or of a mixture's components
+/// to one photo, the contents of `components.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summaries {
     /// The fits, in the order they were made.
@@ -364,12 +357,12 @@ pub(crate) mod tests {
         let crop = Crop::around(&[[300.0, 200.0], [420.0, 330.0]], [800, 600], 2.2, 256).unwrap();
         let mut parameters = Scene::initial(800, 600, 3, 2);
         parameters.subject.shape[1] = -1.25;
-        let proposal = |stage, name: &str, proposed, accepted, search| Proposal {
-            stage,
+        let proposal = |phase, name: &str, proposed, accepted, steers| Proposal {
+            phase,
             name: name.into(),
             proposed,
             accepted,
-            search,
+            steers,
         };
         Summary {
             onescan: "0.1.0".into(),
@@ -380,9 +373,9 @@ pub(crate) mod tests {
             seed: 7,
             fingerprint: hex(0x0123_4567_89ab_cdef),
             chains: 1,
-            landmark_samples: 100,
-            shape_samples: 0,
-            samples: 200,
+            landmark_steps: 100,
+            shape_steps: 0,
+            image_steps: 200,
             steps: 300,
             accepted: 123,
             steps_per_second: 250.5,
@@ -398,9 +391,9 @@ pub(crate) mod tests {
             }],
             warnings: vec!["the face looks away".into()],
             proposals: vec![
-                proposal(Stage::Landmarks, "yaw", 100, 40, false),
-                proposal(Stage::Image, "shape", 150, 60, false),
-                proposal(Stage::Image, "light", 50, 23, true),
+                proposal(PhaseName::Landmarks, "yaw", 100, 40, false),
+                proposal(PhaseName::Image, "shape", 150, 60, false),
+                proposal(PhaseName::Image, "light", 50, 23, true),
             ],
             trace: vec![
                 (0, -90.5),

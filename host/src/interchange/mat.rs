@@ -30,10 +30,10 @@ pub struct Array {
     pub values: Vec<f64>,
 }
 
-/// Those of the arrays of a file that have one of the names, in the order of the names.
+/// The arrays of a file that have these names, in the order of the names.
 ///
 /// # Errors
-/// When the file is none of version 5 or damaged, an array is missing, no real matrix, or larger
+/// When the file is not of version 5 or is damaged, or an array is missing, is not a real matrix, or is larger
 /// than its file can hold. Memory taken is bounded by a multiple of the bytes given.
 pub fn read<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result<[Array; N]> {
     if bytes.starts_with(b"MATLAB 7.3") || bytes.starts_with(b"\x89HDF") {

@@ -27,7 +27,7 @@ pub struct Mixture {
 
 /// One of them.
 pub struct Component {
-    /// Its file's name, with directories as far as others are called the same.
+    /// Its file's name, with as many directories as it takes to tell it from others of the same name.
     pub name: String,
     /// The model.
     pub model: OwnedModel,
@@ -59,11 +59,11 @@ fn one() -> f64 {
 }
 
 impl Mixture {
-    /// Opens models and mixtures, each file as likely as any other, a mixture's models in the mixture's
-    /// proportions. Of no paths it has no components.
+    /// Opens models and mixtures. Each file is as likely as any other, and a mixture's models share its weight
+    /// in the mixture's proportions. Without paths there are no components.
     ///
     /// # Errors
-    /// Files that cannot be read or are no models, a model twice.
+    /// Files that cannot be read or are not models; a model that is given twice.
     pub fn open(paths: &[PathBuf]) -> Result<Self> {
         let mut files: Vec<(PathBuf, f64)> = Vec::new();
         for path in paths {
@@ -85,7 +85,7 @@ impl Mixture {
     /// are named from there, others by their whole path.
     ///
     /// # Errors
-    /// Models that are not there, or there twice.
+    /// Models that are missing, or given twice.
     pub fn text(models: &[PathBuf], weights: &[f64], place: &Path) -> Result<String> {
         names(&models.iter().map(|path| &**path).collect::<Vec<_>>())?;
         let whole = |path: &Path| path.canonicalize().map_err(|e| Error::file(path, e));

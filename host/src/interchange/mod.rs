@@ -63,7 +63,7 @@ pub fn read(path: &Path) -> Result<Import> {
     }
 }
 
-/// Opens a model of any format as a `.3dmm`: of another program's only that remains which ours
+/// Opens a model of any format as a `.3dmm`. Of another program's model only that remains which a `.3dmm`
 /// holds.
 ///
 /// # Errors
@@ -84,7 +84,7 @@ pub fn open(path: &Path) -> Result<OwnedModel> {
 /// Parses the bytes of a model in another program's format.
 ///
 /// # Errors
-/// Those of [`statismo::read`] and [`bfm2009::parse`]; a `.3dmm` that is none.
+/// Those of [`statismo::read`] and [`bfm2009::parse`]; bytes that are not a `.3dmm` model.
 pub fn parse(format: Format, bytes: Vec<u8>) -> Result<Import> {
     match format {
         Format::ThreeDmm => {
@@ -134,7 +134,7 @@ pub fn can_write(path: &Path) -> Result<()> {
     }
 }
 
-/// What of the model a format does not carry, as words for a person.
+/// What of a model a format cannot carry, as words for a person.
 pub fn lost(model: &Morphable, format: Format) -> Vec<String> {
     let halves = [("shape", &model.shape), ("albedo", &model.albedo)];
     let mut lost = Vec::new();

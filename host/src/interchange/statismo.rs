@@ -23,7 +23,7 @@ use crate::vector::distance;
 use faer::Mat;
 use std::collections::{BTreeMap, HashMap};
 
-/// How far a landmark may lie from a vertex of the reference, as a part of the reference's
+/// How far a landmark may lie from a vertex of the reference, as a share of the reference's
 /// diagonal: rounding to 32 bits and printing move it less.
 pub const LANDMARK_TOLERANCE: f64 = 1e-4;
 
@@ -102,7 +102,7 @@ pub fn read(file: &dyn Store) -> Result<Import> {
 }
 
 /// Points and triangles.
-type Surface = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+type ReferenceMesh = (Vec<[f32; 3]>, Vec<[u32; 3]>);
 
 struct Reader<'a> {
     file: &'a dyn Store,
@@ -159,7 +159,7 @@ impl Reader<'_> {
     }
 
     /// Points and triangles of a part's reference, in the file's unit.
-    fn reference(&self, part: &str) -> Result<Surface> {
+    fn reference(&self, part: &str) -> Result<ReferenceMesh> {
         // Names and layouts of old files differ.
         let old = format!("{part}/representer/reference-mesh");
         let points_at = format!("{part}/representer/points");

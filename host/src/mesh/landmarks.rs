@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, HashSet};
 #[cfg(feature = "full")]
 use std::path::Path;
 
-/// How far a landmark given by coordinates may lie from the nearest vertex, millimetres.
+/// How far a landmark given by coordinates may lie from the nearest vertex, millimetres. Chosen, not measured.
 pub const MAX_DISTANCE: f32 = 5.0;
 
 /// A named vertex.
@@ -30,7 +30,7 @@ pub struct Point {
     pub id: String,
     /// Where it is, in the unit of the mesh it belongs to.
     pub coordinates: [f64; 3],
-    /// Words about it.
+    /// A description of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
     /// How sure its place is, if that is known.
@@ -88,7 +88,8 @@ pub fn read(path: &Path, points: &[[f32; 3]], millimetres: f32) -> Result<Vec<La
     read_moved(path, points, [0.0; 3], millimetres)
 }
 
-/// [`read`] for a scan from whose coordinates `origin` was subtracted, from those of the file not.
+/// The same as [`read`] for a scan from whose coordinates `origin` was subtracted: it is subtracted from the
+/// landmarks' coordinates, too.
 ///
 /// # Errors
 /// See [`read`].
@@ -188,7 +189,7 @@ pub fn read_uncertainties(path: &Path) -> Result<BTreeMap<String, Uncertainty>> 
     uncertainties(&text).map_err(|e| Error::file(path, e))
 }
 
-/// The uncertainties in a text that [`parse`] takes, by name; landmarks without one are not there.
+/// The uncertainties in a text that [`parse`] takes, by landmark; landmarks without one are left out.
 ///
 /// # Errors
 /// Malformed JSON; standard deviations that are negative, numbers that are not finite.

@@ -28,7 +28,7 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// [`Mesh::normals`] for files, where every normal has length one: +z where there is none.
+    /// [`Mesh::normals`] for files, in which every normal has length one: +z if a vertex has none.
     pub fn whole_normals(&self) -> Vec<[f32; 3]> {
         let whole = |n| if n == [0.0; 3] { [0.0, 0.0, 1.0] } else { n };
         self.normals().into_iter().map(whole).collect()
@@ -57,7 +57,7 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     (length > 0.0).then(|| v.map(|x| (x / length) as f32))
 }
 
-/// How far beyond 0 and 1 a stored colour may lie by rounding.
+/// How far beyond 0 and 1 a stored colour may lie by rounding. Chosen, not measured.
 const OVERSHOOT: f32 = 0.01;
 
 /// A colour brought into `[0, 1]`, where it lies but for rounding; else none.
@@ -90,8 +90,8 @@ impl fmt::Display for Axis {
     }
 }
 
-/// Which of the points each point equals, exactly, counted in order of first appearance; and
-/// those points. What exporters split for texture seams and flat shading is joined by this.
+/// Joins points that are exactly equal: for each point the index of the joined one, and the joined points in
+/// order of first appearance. Exporters split vertices for texture seams and flat shading.
 pub fn weld(points: &[[f32; 3]]) -> (Vec<u32>, Vec<[f32; 3]>) {
     let mut known = HashMap::new();
     let mut kept = Vec::new();

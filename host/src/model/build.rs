@@ -43,7 +43,7 @@ pub struct BuildOptions<'a> {
 pub struct BuiltModel {
     /// The model.
     pub model: OwnedModel,
-    /// Ranks, variances, certificates, times.
+    /// Ranks, variances, residuals, times.
     pub report: BuildReport,
     shape: Computed,
     albedo: Computed,
@@ -103,14 +103,14 @@ pub struct HalfReport {
     pub rank: usize,
     /// Fraction of the variance they hold.
     pub captured: f64,
-    /// Largest residual `‖K u − λ u‖ / λ` among them; of components of a sample it is not known.
+    /// Largest residual `‖K u − λ u‖ / λ` among them; not known for components of a sample.
     pub max_residual: Option<f64>,
     /// Wall time.
     pub seconds: f64,
 }
 
 /// Least size of a scan, as a fraction of its kernels' least width. What is smaller moves as one, and
-/// finding components that are not there takes minutes.
+/// finding components that are not there takes minutes. Chosen, not measured.
 const LEAST: f64 = 0.1;
 
 /// Refuses scans that are far smaller than their kernels are wide: metres taken for millimetres.

@@ -8,14 +8,14 @@ use crate::model_file::OwnedModel;
 use crate::scan::decimate::decimate;
 use std::fmt;
 
-/// What to leave.
+/// What is to be left of a model.
 #[derive(Clone, Copy, Debug)]
 pub struct ExportOptions {
-    /// Shape components, if there are more.
+    /// At most so many shape components.
     pub shape_rank: usize,
-    /// Albedo components, if there are more.
+    /// At most so many albedo components.
     pub albedo_rank: usize,
-    /// Vertices, if there are more; `None` leaves the mesh alone.
+    /// At most about so many vertices; `None` leaves the mesh alone.
     pub vertices: Option<usize>,
     /// Bits of an entry of the basis, 2 to 16. They take 16 in the file whatever the number, but
     /// fewer compress better.

@@ -7,7 +7,7 @@ use crate::mesh::Mesh;
 use crate::mesh::landmarks::Landmark;
 use crate::model::process::{Deviation, Half};
 use crate::model_file::OwnedModel;
-use onescan_core::basis::{LANES, padded};
+use onescan_core::basis::{BLOCK, padded};
 use onescan_core::hash::fnv64;
 use onescan_core::model::MAX_TRIANGLES;
 use onescan_core::model::{
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 /// A model of one mesh that never deviates from it: for drawing the mesh.
 ///
 /// # Errors
-/// None for a mesh that keeps its guarantees.
+/// Never for a mesh that keeps its guarantees.
 pub fn rigid(mesh: &Mesh, landmarks: &[Landmark]) -> Result<OwnedModel> {
     let parts = ModelParts {
         shape: Half { mean: &mesh.points, deviation: &Rigid },
@@ -168,12 +168,12 @@ impl Half<'_> {
         field
     }
 
-    /// Columns `√λ_k·u_k` in blocks of [`LANES`] field entries, component after component, in
+    /// Columns `√λ_k·u_k` in blocks of [`BLOCK`] field entries, component after component, in
     /// units of the quanta, and these.
     fn columns(&self, levels: i16) -> (Vec<i16>, Vec<f32>) {
         let rank = self.rank();
-        let plane_blocks = padded(self.mean.len()) / LANES;
-        let mut columns = vec![0; 3 * plane_blocks * rank * LANES];
+        let plane_blocks = padded(self.mean.len()) / BLOCK;
+        let mut columns = vec![0; 3 * plane_blocks * rank * BLOCK];
         let components: Vec<_> =
             (0..rank).map(|k| [0, 1, 2].map(|channel| self.deviation.column(k, channel))).collect();
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |max, x| max.max(x.abs()));
@@ -184,10 +184,10 @@ impl Half<'_> {
                 (largest(&entries) / f64::from(levels)) as f32
             })
             .collect();
-        columns.par_chunks_mut((rank * LANES).max(1)).enumerate().for_each(|(block, out)| {
-            let (channel, first) = (block / plane_blocks, block % plane_blocks * LANES);
+        columns.par_chunks_mut((rank * BLOCK).max(1)).enumerate().for_each(|(block, out)| {
+            let (channel, first) = (block / plane_blocks, block % plane_blocks * BLOCK);
             for ((channels, quantum), lanes) in
-                components.iter().zip(&quanta).zip(out.chunks_exact_mut(LANES))
+                components.iter().zip(&quanta).zip(out.chunks_exact_mut(BLOCK))
             {
                 let (factor, values) = channels[channel];
                 let factor = factor / f64::from(*quantum);

@@ -44,8 +44,7 @@ pub struct Morphable {
 }
 
 impl Morphable {
-    /// A model without expressions and occlusion map, made around its mean, of landmarks as sure as
-    /// they are.
+    /// A model without expressions, occlusion map or uncertainties of landmarks, made around its mean.
     pub fn new(
         shape: Process,
         albedo: Process,
@@ -67,13 +66,13 @@ impl Morphable {
         }
     }
 
-    /// A `.3dmm` model.
+    /// The model of a `.3dmm` file.
     pub fn of(model: &Model<'_>) -> Self {
         let half = |basis| Process::of(basis, model.vertices());
         Self::with_halves(model, half(&model.shape), half(&model.albedo))
     }
 
-    /// A `.3dmm` model whose halves are known better than its file's.
+    /// A `.3dmm` model whose halves are known in better precision than its file's.
     pub fn with_halves(model: &Model<'_>, shape: Process, albedo: Process) -> Self {
         let landmark = |(name, vertex): (&str, u32)| Landmark { name: name.to_string(), vertex };
         let known = Self::new(
@@ -91,8 +90,8 @@ impl Morphable {
         self.reference.as_deref().unwrap_or(&self.shape.mean)
     }
 
-    /// The `.3dmm` model. `levels`: see [`ModelParts`]. Noise and expressions are left out, and
-    /// columns that are far from unit length brought to it.
+    /// The model as a `.3dmm`; for `levels` see [`ModelParts`]. Noise and expressions are left out, and columns
+    /// that are far from unit length are brought to it.
     ///
     /// # Errors
     /// See [`ModelParts::to_bytes`].
@@ -124,7 +123,7 @@ impl Morphable {
         }
     }
 
-    /// The mesh of coefficients, colours limited to `[0, 1]`.
+    /// The mesh that coefficients give, its colours limited to `[0, 1]`.
     pub fn instance(&self, shape: &[f64], albedo: &[f64]) -> Mesh {
         let color = |c: f64| c.clamp(0.0, 1.0) as f32;
         Mesh {

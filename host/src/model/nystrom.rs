@@ -10,7 +10,7 @@ use faer::{Mat, MatRef, Side};
 use onescan_core::rng::Rng;
 use rayon::prelude::*;
 
-/// Vertices sampled, with replacement.
+/// Vertices sampled, with replacement. All these numbers are the released program's.
 pub const POINTS: usize = 300;
 /// Components kept.
 pub const COMPONENTS: usize = 199;
@@ -140,9 +140,9 @@ pub fn released(
     nystrom(kernel, vertices, mean, POINTS, COMPONENTS, rng)
 }
 
-/// The albedo it makes of one. That of the mean of two kernels is not decomposed: 200 samples each
-/// of both are averaged in pairs, so that the covariance is `¼ (K_rgb + K_xyz)` and not ½, and what
-/// remains are the principal components of those 200, around their mean instead of the scan.
+/// The albedo the released program makes of a kernel. The mean of two kernels is not decomposed: 200 samples
+/// of each are averaged in pairs, so that the covariance is `¼ (K_rgb + K_xyz)` and not ½, and the albedo is
+/// the principal components of those 200, around their mean instead of the scan.
 ///
 /// # Errors
 /// See [`nystrom`].

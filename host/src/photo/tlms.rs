@@ -11,9 +11,9 @@ use std::path::Path;
 
 /// Fewer visible landmarks than this do not pin down a pose.
 pub const MIN_VISIBLE: usize = 4;
-/// Landmarks within a box of this side, pixels, are one point.
+/// Landmarks within a box of this side, pixels, are one point. Chosen, not measured.
 const TOGETHER: f32 = 2.0;
-/// Landmarks less wide than this part of how long they spread are on a line.
+/// Landmarks less wide than this part of how long they spread are on a line. Chosen, not measured.
 const ON_A_LINE: f64 = 0.01;
 
 /// A named point in a picture.
@@ -69,7 +69,8 @@ impl Tlms {
         has_extension(path, &["pts", "json"])
     }
 
-    /// Drops those whose name is none of these: points are numbered whatever the model knows.
+    /// Drops the landmarks whose name is not among these: a file of numbered points has all its points, whatever
+    /// the model knows.
     pub fn keep(&mut self, names: &[&str]) {
         self.landmarks.retain(|landmark| names.contains(&landmark.id.as_str()));
     }
@@ -204,7 +205,7 @@ impl Tlms {
         Ok(())
     }
 
-    /// How wide the visible landmarks spread across their longest direction, as a part of how far
+    /// How wide the visible landmarks spread across their longest direction, as a share of how far
     /// along it.
     fn flatness(&self) -> f64 {
         let points = self.visible_points();

@@ -4,7 +4,7 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
-/// What the chains of one parameter come to.
+/// How well the chains of one parameter have mixed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Diagnosis {
     /// Rank-normalised split R̂, the larger of bulk and tails; 1 if all chains tell the same.
@@ -16,7 +16,7 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
-    /// Of chains of equal length; all is NaN if that is below four, or nothing moves.
+    /// Diagnoses chains of equal length. All is NaN if they have fewer than four states, or never move.
     pub fn of(chains: &[Vec<f64>]) -> Self {
         let halves: Vec<&[f64]> = chains
             .iter()
@@ -104,7 +104,7 @@ fn ess(values: &[f64], draws: usize) -> f64 {
     m * n / tau
 }
 
-/// The quantile of values, between neighbours in proportion.
+/// A quantile of values, interpolated linearly between neighbours.
 pub fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -23,6 +23,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// Steps of rounds of a chain's warm-up, after each of which all chains together learn a better metric.
+/// Chosen, as are the next two; with them all parameters mix (docs/posterior.md).
 const ROUNDS: [u32; 3] = [30, 40, 50];
 /// Steps that then adapt how far it turns at once.
 const TURNING: u32 = 30;
@@ -67,9 +68,9 @@ pub struct Draw {
 /// Samples of the posterior.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Samples {
-    /// Of every chain its kept states.
+    /// The kept states of every chain.
     pub chains: Vec<Vec<Draw>>,
-    /// Accepted trajectories as a part of all.
+    /// Share of the trajectories that were accepted.
     pub acceptance: f64,
     /// Hash over the bits of every accepted state of all chains.
     pub fingerprint: u64,
@@ -89,14 +90,14 @@ pub fn sample(
     sample_kept(jobs, request, None, control, &|_| Ok(()))
 }
 
-/// Keeps what continues a sampling.
+/// Called with what continues a sampling, in order to keep it.
 pub type Keep<'a> = dyn Fn(&Save) -> Result<()> + Sync + 'a;
 
-/// [`sample`], from where `resume` left it. `keep` is given what continues it every few seconds, and when
-/// it is stopped; should the former fail, the sampling goes on: its result is worth more.
+/// The same as [`sample`], from where `resume` left it. `keep` is given what continues it, every few seconds
+/// and when it is stopped. If `keep` fails on the way, the sampling goes on: its result is worth more.
 ///
 /// # Errors
-/// Those of [`sample`]; what was kept of other photos, models or settings.
+/// Those of [`sample`]; a `resume` of other photos, models or settings.
 pub fn sample_kept(
     jobs: &[Job<'_>],
     request: &Request,
@@ -328,8 +329,8 @@ impl Samples {
         self.chains.iter().flatten()
     }
 
-    /// What they tell of the subject, whose vertices spread so, and of one photo's view; `None` without
-    /// states.
+    /// What the samples say of the subject, whose vertices have the given spread, and of one photo's view;
+    /// `None` if there are no states.
     pub fn found(&self, photo: usize, spread: &Spread) -> Option<PosteriorFound> {
         let first = self.draws().next()?;
         let marginals: Vec<Marginal> = parameters(first, photo)
@@ -380,7 +381,7 @@ fn marginal(name: String, chains: &[Vec<f64>]) -> Marginal {
     }
 }
 
-/// Why samples cannot be believed as they are, as a sentence; none if they can.
+/// Why samples cannot be believed, as a sentence; `None` if they can.
 pub fn warning(found: &PosteriorFound) -> Option<String> {
     let all = found.parameters.len();
     (found.mixed < all).then(|| {

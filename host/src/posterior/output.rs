@@ -14,12 +14,12 @@ use onescan_core::scene::{Subject, View};
 
 /// Longer side of the picture, pixels.
 const SIDE: u32 = 512;
-/// States at most that the spread of vertices is made of.
+/// States at most that the spread of vertices is made of. Chosen, not measured.
 const STATES: usize = 400;
 
 /// The mean face, and how far its vertices are known.
 pub struct Spread {
-    /// Mean coefficients' face.
+    /// The face of the mean coefficients.
     pub mean: Mesh,
     /// Standard deviation of every vertex's place, mm: the root of the mean squared distance, each
     /// state's face being aligned to the mean face by rotation and translation.
@@ -27,7 +27,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of samples of a model's faces.
+    /// The spread of samples of a model's faces.
     ///
     /// # Errors
     /// No states; places that are not finite.
@@ -91,7 +91,7 @@ impl Spread {
     /// A picture of [`Spread::mesh`], from the front and both sides, under even light.
     ///
     /// # Errors
-    /// None for a model's mesh.
+    /// Never for a model's mesh.
     pub fn picture(&self, model: &Model<'_>) -> Result<Picture> {
         let mesh = self.mesh();
         let views = [-0.8, 0.0, 0.8].map(|yaw| {
@@ -103,10 +103,10 @@ impl Spread {
         Ok(crate::photo::picture::montage(&views.iter().collect::<Vec<_>>(), 8, [255; 3]))
     }
 
-    /// What it leaves behind: file names and contents.
+    /// The files it leaves behind: names and contents.
     ///
     /// # Errors
-    /// None for a model's mesh.
+    /// Never for a model's mesh.
     pub fn files(&self, model: &Model<'_>) -> Result<Vec<(String, Vec<u8>)>> {
         let mesh = self.mesh();
         let ply = |mesh: &Mesh| -> Result<Vec<u8>> {
@@ -129,7 +129,7 @@ impl Spread {
 /// densities.
 ///
 /// # Errors
-/// None for samples that were drawn.
+/// Never for samples that were drawn.
 pub fn states(samples: &Samples) -> Result<Vec<u8>> {
     let chains = samples.chains.len();
     let draws = samples.chains.first().map_or(0, Vec::len);

@@ -85,7 +85,7 @@ const PHOTOS: [&str; 3] = ["jpg", "jpeg", "png"];
 const LANDMARKS: [&str; 2] = ["tlms", "pts"];
 
 impl Entry {
-    /// The faces of a directory, sorted by name; or the one face that a path is, a photo or a fit.
+    /// The faces of a directory, sorted by name; or the single face of a photo or a fit.
     ///
     /// # Errors
     /// Nothing there.
@@ -203,8 +203,8 @@ impl Fits {
         Ok(Some(Self(all)))
     }
 
-    /// The same, unless the file holds them already: fits by these models, younger than the photo and
-    /// its landmarks. Writes the file.
+    /// The fits of a file, if it holds fits by these models that are younger than the photo and its landmarks;
+    /// else makes them, as [`Fits::make`], and writes the file.
     ///
     /// # Errors
     /// Those of [`Fits::make`]; a place that cannot be written.

@@ -9,7 +9,7 @@ use crate::report::{Escaped, essay, figure};
 use serde::Serialize;
 use std::fmt::Write as _;
 
-/// Ranks shown to a person.
+/// Ranks shown to a person. Chosen, not measured.
 pub const SHOWN: usize = 5;
 
 /// The result.
@@ -21,7 +21,7 @@ pub struct Recognition {
     pub score: Score,
     /// The probes.
     pub probes: Vec<Ranking>,
-    /// How well people were told, if names say who is who.
+    /// How well people were told apart, if names say who is who.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub told: Option<Told>,
 }
@@ -44,7 +44,7 @@ pub struct Candidate {
     pub score: f64,
 }
 
-/// How well people were told.
+/// How well people were told apart.
 #[derive(Debug, Serialize)]
 pub struct Told {
     /// How often the first was right, of the probes whose person is in the gallery.
@@ -68,8 +68,8 @@ impl Ranking {
 }
 
 impl Told {
-    /// `person` gives who a name is; the best of a person's faces counts. `None` if no probe's person
-    /// is in the gallery.
+    /// Looks at rankings: `person` says who the face of a name is, and of a person's faces the best counts.
+    /// `None` if no probe's person is in the gallery.
     pub fn new(probes: &[Ranking], person: impl Fn(&str) -> String) -> Option<Self> {
         let (mut trials, mut unknown) = (Vec::new(), 0);
         for Ranking { probe, gallery } in probes {
@@ -151,7 +151,8 @@ impl Recognition {
         text
     }
 
-    /// The page. `pictures` shows faces by their names, of the probes and of the gallery, if it can.
+    /// The page. `pictures` gives the picture of a face, if there is one, by whether it is a probe and by its
+    /// name.
     ///
     /// # Errors
     /// Pictures without pixels.

@@ -16,7 +16,7 @@ use std::fmt;
 /// shadows become skin, shape alone (docs/recognition.md).
 pub const SHAPE_SHARE: f64 = 0.75;
 
-/// A face as one model has it.
+/// A face as one model describes it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Face {
     /// Shape coefficients.
@@ -34,7 +34,7 @@ impl Face {
         Self::of(&fit.best.scene.subject, laplace)
     }
 
-    /// The same of what its file says.
+    /// The face of a fit's file.
     pub fn of_summary(summary: &Summary) -> Self {
         Self::of(&summary.parameters.subject, summary.laplace.as_ref())
     }
@@ -78,7 +78,7 @@ impl Score {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Cosine, Self::Joint, Self::Shape, Self::Albedo];
 
-    /// Of two faces of the same model.
+    /// Scores two faces of the same model.
     pub fn of(self, a: &Face, b: &Face) -> f64 {
         let shape = || cosine(&a.shape, &b.shape);
         let albedo = || cosine(&a.albedo, &b.albedo);
@@ -90,8 +90,8 @@ impl Score {
         }
     }
 
-    /// Of two people whom several models have fitted, in one order: that of the model by which they
-    /// are most alike.
+    /// Scores two people, each fitted by the same models in the same order: the score by that model which finds
+    /// them most alike.
     pub fn of_mixture(self, a: &[Face], b: &[Face]) -> f64 {
         a.iter().zip(b).map(|(a, b)| self.of(a, b)).fold(f64::NEG_INFINITY, f64::max)
     }

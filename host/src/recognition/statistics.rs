@@ -5,7 +5,7 @@ use serde::Serialize;
 /// A probe's scores against a gallery.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trial {
-    /// The score of whom the probe shows.
+    /// The score of the person whom the probe shows.
     pub same: f64,
     /// Those of the others.
     pub others: Vec<f64>,
@@ -35,7 +35,7 @@ pub struct Share {
 const Z: f64 = 1.959_963_984_540_054;
 
 impl Share {
-    /// So many of so many: `(p + z²/2n ± z √(p(1 − p)/n + z²/4n²)) / (1 + z²/n)`.
+    /// The share of `hits` out of `of`; its interval is `(p + z²/2n ± z √(p(1 − p)/n + z²/4n²)) / (1 + z²/n)`.
     pub fn new(hits: usize, of: usize) -> Self {
         let n = of.max(1) as f64;
         let p = hits as f64 / n;
@@ -51,7 +51,7 @@ pub fn first(trials: &[Trial]) -> Share {
     Share::new(trials.iter().filter(|trial| trial.rank() == 1).count(), trials.len())
 }
 
-/// Cumulative match: of ranks 1, 2, …, up to `most`, the share of probes whose person has that or a
+/// Cumulative match: for each rank from 1 to `most`, the share of probes whose person has that rank or a
 /// better one.
 pub fn cumulative(trials: &[Trial], most: usize) -> Vec<f64> {
     let ranks: Vec<usize> = trials.iter().map(Trial::rank).collect();
@@ -86,9 +86,8 @@ fn moments(trials: &[Trial]) -> [(f64, f64); 2] {
     ]
 }
 
-/// Two-sided probability of so different numbers of hits by chance, of two ways to recognise the same
-/// probes (`McNemar`'s exact test): `only` counts the probes that only the one, and only the other got
-/// right.
+/// Probability, two-sided, that chance makes two ways to recognise the same probes differ by as much
+/// (`McNemar`'s exact test): `only` counts the probes that only the first way got right, and only the second.
 pub fn by_chance(only: [usize; 2]) -> f64 {
     let n = only[0] + only[1];
     let fewer = only[0].min(only[1]);

@@ -17,7 +17,7 @@ use onescan_core::model::Model;
 use onescan_core::register::{Iteration, Problem, Scan, words};
 pub use onescan_core::register::{Options, Registration};
 
-/// How far along its normal a vertex looks for the scan's colour, mm.
+/// How far along its normal a vertex looks for the scan's colour, mm (docs/registration.md). Chosen.
 const REACH: f64 = 10.0;
 
 /// A registered scan.
@@ -42,9 +42,9 @@ pub struct Registered {
 }
 
 impl Registered {
-    /// Why the scan is probably of something else than the model is, or in another unit: the instance
-    /// that was found is one the model holds for very improbable. Of scans of faces, coefficients have a
-    /// root mean square of .6 at most, and sizes are within 8 %; a fish has 1.2 and .72.
+    /// Why the scan probably shows something else than the model, or is in another unit, as a sentence: to the
+    /// model, the instance that was found is very improbable. Scans of faces have coefficients with a root mean
+    /// square of .6 at most, and sizes within 8 %; a fish has 1.2 and .72.
     pub fn doubt(&self) -> Option<String> {
         let rank = self.shape.len().max(1) as f64;
         let squares = self.shape.iter().map(|a| f64::from(*a).powi(2)).sum::<f64>();
@@ -119,7 +119,7 @@ pub fn register(
     })
 }
 
-/// Part of the vertices that must have found a place.
+/// Share of the vertices that must have found a place. Chosen, not measured.
 const LEAST: f32 = 0.1;
 
 /// Colours of the scan where vertices' normals meet it, on either side; of those that do not, at the

@@ -51,7 +51,7 @@ fn points(curve: &Curve, half: usize) -> &[Point] {
 /// The dashed line is the first model's mean alone.
 ///
 /// # Errors
-/// None.
+/// Never.
 pub fn measures_report(
     title: &str,
     lead: &str,

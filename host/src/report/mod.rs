@@ -13,8 +13,9 @@ pub use measures::{measures_report, measures_table};
 
 use crate::error::{Error, Result};
 use crate::fit::output::Finished;
-use crate::fit::summary::{ModeFound, Proposal, Stage, Summary};
+use crate::fit::summary::{ModeFound, Proposal, Summary};
 use crate::photo::picture::{Picture, WHITE, montage};
+use onescan_core::chain::PhaseName;
 use onescan_core::scene::Scene;
 use onescan_core::search::LEVELS;
 use std::fmt::{self, Write};
@@ -137,7 +138,7 @@ impl Figure {
 /// A page of one's own: `body` is HTML.
 ///
 /// # Errors
-/// None.
+/// Never.
 #[cfg(feature = "full")]
 pub fn essay(title: &str, lead: &str, body: &str) -> Result<String> {
     let mut html = String::new();
@@ -464,25 +465,25 @@ fn levels(f: &mut impl Write, s: &Summary, mode: &ModeFound) -> fmt::Result {
     )
 }
 
-/// The likelihood over all stages, a chart for each: their likelihoods measure different things.
+/// The likelihood over all phases, a chart for each: their likelihoods measure different things.
 fn traces(f: &mut impl Write, s: &Summary) -> fmt::Result {
     let from = |first: u32| s.trace.partition_point(|&(step, _)| step < first);
-    let [posed, shaped] = [0, s.shape_samples].map(|more| from(s.landmark_samples + more));
+    let [posed, shaped] = [0, s.shape_steps].map(|more| from(s.landmark_steps + more));
     let points = "Log likelihood of the marked points";
-    let stages = [
+    let phases = [
         (&s.trace[..posed], "Landmarks", format!("{points}: finds the pose.")),
         (&s.trace[posed..shaped], "Shape", format!("{points}: finds pose and shape.")),
         (&s.trace[shaped..], "Picture", "Log likelihood of the pixels: finds everything.".into()),
     ];
     f.write_str("<h3>The search</h3>\n<div class=\"charts\">\n")?;
-    for (trace, stage, caption) in stages {
+    for (trace, phase, caption) in phases {
         let points: Vec<_> = trace.iter().map(|&(step, value)| (f64::from(step), value)).collect();
         let best = points.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
-        let description = format!("{stage}: log likelihood by step, best {}", likelihood(best));
+        let description = format!("{phase}: log likelihood by step, best {}", likelihood(best));
         if let Some(svg) = charts::line(&description, "step", &points) {
             writeln!(
                 f,
-                "<figure>{svg}<figcaption><b>{stage}.</b> {caption} Starts at {}, the dot is the \
+                "<figure>{svg}<figcaption><b>{phase}.</b> {caption} Starts at {}, the dot is the \
                  best: {}.</figcaption></figure>",
                 likelihood(points[0].1),
                 likelihood(best)
@@ -516,16 +517,18 @@ fn moves(f: &mut impl Write, proposals: &[Proposal]) -> fmt::Result {
         return Ok(());
     }
     f.write_str("<h3>Proposals accepted</h3>\n<div class=\"columns\">\n")?;
-    for (stage, title) in
-        [(Stage::Landmarks, "Landmarks"), (Stage::Shape, "Shape"), (Stage::Image, "Picture")]
-    {
-        if proposals.iter().all(|p| p.stage != stage || p.proposed == 0) {
+    for (phase, title) in [
+        (PhaseName::Landmarks, "Landmarks"),
+        (PhaseName::Shape, "Shape"),
+        (PhaseName::Image, "Picture"),
+    ] {
+        if proposals.iter().all(|p| p.phase != phase || p.proposed == 0) {
             continue;
         }
         writeln!(f, "<div><p class=\"note\"><b>{title}</b></p>\n<table class=\"moves\">")?;
-        for p in proposals.iter().filter(|p| p.stage == stage) {
+        for p in proposals.iter().filter(|p| p.phase == phase) {
             let share = p.accepted as f64 / p.proposed.max(1) as f64;
-            let mark = if p.search { "<span class=\"search\">search</span>" } else { "" };
+            let mark = if p.steers { "<span class=\"steers\">steers</span>" } else { "" };
             writeln!(
                 f,
                 "<tr><th scope=\"row\">{}{mark}</th>\
@@ -541,9 +544,9 @@ fn moves(f: &mut impl Write, proposals: &[Proposal]) -> fmt::Result {
         f.write_str("</table></div>\n")?;
     }
     f.write_str("</div>\n")?;
-    if proposals.iter().any(|p| p.search) {
+    if proposals.iter().any(|p| p.steers) {
         f.write_str(
-            "<p class=\"note\"><b>search</b> marks moves that steer towards the picture instead of \
+            "<p class=\"note\"><b>steers</b> marks moves that go towards what explains the picture instead of \
              wandering blindly. They find the best fit sooner, but a chain that uses them does not \
              sample the posterior.</p>\n",
         )?;

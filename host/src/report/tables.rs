@@ -63,14 +63,14 @@ fn steps(s: &Summary) -> String {
         let converged = s.mode.as_ref().is_some_and(|mode| mode.converged);
         return format!("{}, {}converged", s.steps, if converged { "" } else { "not " });
     }
-    let shape = match s.shape_samples {
+    let shape = match s.shape_steps {
         0 => String::new(),
         steps => format!("{} shape + ", number(steps.into(), 0)),
     };
     format!(
         "{} landmark + {shape}{} picture, {} chain{}",
-        number(s.landmark_samples.into(), 0),
-        number(s.samples.into(), 0),
+        number(s.landmark_steps.into(), 0),
+        number(s.image_steps.into(), 0),
         s.chains,
         if s.chains == 1 { "" } else { "s" }
     )

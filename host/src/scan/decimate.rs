@@ -12,7 +12,7 @@ use std::collections::{BTreeSet, BinaryHeap};
 
 /// Position and weighted colour.
 const DIMENSIONS: usize = 6;
-/// How many millimetres a colour difference of one counts.
+/// How many millimetres a colour difference of one counts. Chosen, not measured, as are the next.
 const COLOR_MILLIMETRES: f64 = 60.0;
 /// Weight of a border edge's distance beside that of a surface.
 const BORDER_WEIGHT: f64 = 10.0;
@@ -24,9 +24,9 @@ type Point = [f64; DIMENSIONS];
 /// The faces that are left of a mesh with about `target` vertices: as many as could be had without
 /// moving a vertex of `keep`, turning a face over, or changing the topology. Deterministic.
 pub fn decimate(mesh: &Mesh, keep: &[u32], target: usize) -> Vec<[u32; 3]> {
-    let mut surface = Surface::new(mesh, keep);
-    surface.collapse_to(target);
-    surface.faces.into_iter().flatten().collect()
+    let mut simplifier = Simplifier::new(mesh, keep);
+    simplifier.collapse_to(target);
+    simplifier.faces.into_iter().flatten().collect()
 }
 
 /// Sum of squared distances to planes: `pᵀ A p + 2 bᵀ p + c`.
@@ -87,7 +87,8 @@ fn direction(from: &Point, to: &Point, others: &[Point]) -> Option<Point> {
 /// Moving the first vertex onto the second; the cost's bits, which order like the cost.
 type Collapse = Reverse<(u64, u32, u32, [u32; 2])>;
 
-struct Surface {
+/// What is left of a mesh, and what may be collapsed next.
+struct Simplifier {
     points: Vec<Point>,
     faces: Vec<Option<[u32; 3]>>,
     /// Faces around each vertex.
@@ -100,7 +101,7 @@ struct Surface {
     queue: BinaryHeap<Collapse>,
 }
 
-impl Surface {
+impl Simplifier {
     fn new(mesh: &Mesh, keep: &[u32]) -> Self {
         let points: Vec<Point> = mesh
             .points
@@ -121,7 +122,7 @@ impl Surface {
         for &v in keep {
             kept[v as usize] = true;
         }
-        let mut surface = Self {
+        let mut simplifier = Self {
             faces: mesh.triangles.iter().copied().map(Some).collect(),
             quadrics: vec![Quadric::default(); points.len()],
             version: vec![0; points.len()],
@@ -132,12 +133,12 @@ impl Surface {
             kept,
         };
         for face in &mesh.triangles {
-            surface.add_quadrics(*face);
+            simplifier.add_quadrics(*face);
         }
-        for v in 0..surface.points.len() as u32 {
-            surface.queue_from(v);
+        for v in 0..simplifier.points.len() as u32 {
+            simplifier.queue_from(v);
         }
-        surface
+        simplifier
     }
 
     fn add_quadrics(&mut self, face: [u32; 3]) {

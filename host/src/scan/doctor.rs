@@ -20,7 +20,8 @@ use surface::{
 
 /// Diagonals that the kernels' lengths suit, millimetres: half a face to a bust with its shoulders.
 const DIAGONALS: std::ops::RangeInclusive<f64> = 60.0..=1500.0;
-/// Least fraction of vertices with a partner across x = 0 in a mesh that lies symmetric.
+/// Least fraction of vertices with a partner across x = 0 in a mesh that lies symmetric. Chosen, not
+/// measured, like the next.
 const SYMMETRIC: f64 = 0.8;
 /// How near a partner has to be, as a fraction of the diagonal: 4 mm in a face.
 const NEAR: f64 = 0.02;
@@ -39,7 +40,7 @@ pub struct Findings {
     pub high: [f64; 3],
     /// Length of the box's diagonal, millimetres.
     pub diagonal: f64,
-    /// Surface, square millimetres.
+    /// Area of the surface, square millimetres.
     pub area: f64,
     /// Mean length of an edge, millimetres.
     pub edge: f64,
@@ -68,8 +69,8 @@ pub struct Findings {
     /// Fraction of vertices that have another across x = 0, within an edge's length or 2 % of the
     /// diagonal: faces are not quite symmetric.
     pub mirrored: f64,
-    /// If those are few: how far mirrored vertices are from the surface at the plane at which it mirrors
-    /// best, root mean square, millimetres; none if that is no symmetry.
+    /// If those are few: root mean square distance from the surface, millimetres, of vertices that are mirrored
+    /// at the plane at which it mirrors best; none if it is not symmetric there, either.
     pub mirrored_elsewhere: Option<f64>,
 }
 

@@ -7,14 +7,14 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::f64::consts::PI;
 
 /// Longest rim that is closed if nothing else is said, as a fraction of the diagonal of the box around the
-/// mesh: an eye of a face.
+/// mesh: an eye of a face. Chosen, not measured.
 const LONGEST: f64 = 0.2;
 /// A border is a hole if a disc with as long a rim is less than this fraction of the piece's surface;
-/// else it is the outline of a piece that lies open, an eyelash's say.
+/// else it is the outline of a piece that lies open, an eyelash's say. Chosen, not measured.
 const HOLE: f64 = 0.25;
 
 /// Closes holes whose rim is no longer than `longest`, in the mesh's unit; returns how many. New vertices
-/// follow those there are; their colours go over from the rim's to its mean.
+/// follow the old ones; their colours pass from the rim's to the rim's mean.
 pub fn fill(mesh: &mut Mesh, longest: Option<f64>) -> usize {
     let (map, points) = weld(&mesh.points);
     let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();

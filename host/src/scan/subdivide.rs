@@ -7,21 +7,21 @@ use super::doctor::surface::distance;
 use crate::error::{Error, Result};
 use std::collections::HashMap;
 
-/// Most triangles that are made.
+/// Most triangles that are made. Chosen, not measured.
 const MAX_TRIANGLES: usize = 40_000_000;
 
 /// Which edges are split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Subdivision {
-    /// All, so often: each time a triangle becomes four.
+    /// All of them, so many times; each time a triangle becomes four.
     Times(u32),
-    /// Those longer than this, in the points' unit, until none is.
+    /// Those longer than this, in the points' unit, until there are none.
     Edge(f64),
 }
 
 /// What triangles become.
 pub struct Finer {
-    /// Of each new vertex the two, older ones in whose middle it lies.
+    /// For each new vertex the two older ones that it lies midway between.
     pub middles: Vec<[u32; 2]>,
     /// The new triangles, those of one old triangle side by side.
     pub pieces: Vec<Piece>,
@@ -61,7 +61,7 @@ impl Finer {
     /// Splits triangles of these points.
     ///
     /// # Errors
-    /// More triangles than are made.
+    /// More than 40 million triangles that would be made.
     pub fn of(points: &[[f64; 3]], triangles: &[[u32; 3]], how: Subdivision) -> Result<Self> {
         const WHOLE: [[f32; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let mut points = points.to_vec();

@@ -6,7 +6,7 @@ use crate::vector::{cross, dot, minus};
 /// Triangles of a leaf: testing so few is cheaper than another box.
 const LEAF: usize = 4;
 
-/// A triangle mesh to be asked many times.
+/// A triangle mesh that is asked for nearest points, many times.
 pub struct Surface {
     corners: Vec<[[f64; 3]; 3]>,
     triangles: Vec<[u32; 3]>,

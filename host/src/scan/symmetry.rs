@@ -1,5 +1,5 @@
-//! Finding an object's plane of symmetry, and moving the object so that it is a coordinate plane:
-//! kernels mirror at these.
+//! Finding an object's plane of symmetry, and moving the object so that this is a coordinate plane: kernels
+//! mirror at those alone.
 
 use crate::error::{Error, Result};
 use crate::mesh::{Axis, Mesh};
@@ -57,14 +57,14 @@ pub struct Symmetry {
     pub error: f64,
 }
 
-/// Points that are looked at while searching; the error is that of all.
+/// Points that are looked at while searching; the error is that of all. Chosen, not measured, as are the next.
 const SAMPLE: usize = 1500;
 /// Directions tried: one per 8° or so of a hemisphere.
 const DIRECTIONS: usize = 300;
 /// Of these so many are improved.
 const REFINED: usize = 8;
 const ITERATIONS: usize = 60;
-/// Part of the points whose mirror images may have no counterpart: holes, a fringe.
+/// Share of the points whose mirror images may have no counterpart: holes, a fringe.
 const OUTLIERS: f64 = 0.15;
 
 /// Finds the plane at which the mesh mirrors best: the best of many directions, each improved by
@@ -74,19 +74,19 @@ const OUTLIERS: f64 = 0.15;
 /// # Errors
 /// Fewer than ten points, or all at one place.
 pub fn find(mesh: &Mesh) -> Result<Symmetry> {
-    let search = Search::new(mesh)?;
+    let mirror = Mirror::new(mesh)?;
     let mut candidates: Vec<(f64, Plane)> = directions()
         .map(|normal| {
-            let plane = Plane { normal, offset: dot(normal, search.centre) };
-            (search.trimmed_error(&plane), plane)
+            let plane = Plane { normal, offset: dot(normal, mirror.centre) };
+            (mirror.trimmed_error(&plane), plane)
         })
         .collect();
     candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let refined = candidates.into_iter().take(REFINED).map(|(_, plane)| search.refine(plane));
+    let refined = candidates.into_iter().take(REFINED).map(|(_, plane)| mirror.refine(plane));
     let best = refined
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .ok_or_else(|| Error::new("no direction to look along"))?;
-    Ok(search.judge(best.1))
+    Ok(mirror.judge(best.1))
 }
 
 /// How well the mesh mirrors at a plane.
@@ -94,7 +94,7 @@ pub fn find(mesh: &Mesh) -> Result<Symmetry> {
 /// # Errors
 /// See [`find`].
 pub fn judge(mesh: &Mesh, plane: Plane) -> Result<Symmetry> {
-    Ok(Search::new(mesh)?.judge(plane))
+    Ok(Mirror::new(mesh)?.judge(plane))
 }
 
 /// Moves points by the least rotation, and along the normal, so that the plane becomes that
@@ -121,14 +121,15 @@ pub fn align(points: &mut [[f32; 3]], plane: &Plane) -> Axis {
 /// A point, and what is nearest to its mirror image.
 type Pair = ([f64; 3], [f64; 3]);
 
-struct Search {
+/// A mesh, to be compared with its mirror images.
+struct Mirror {
     all: Vec<[f64; 3]>,
     sample: Vec<[f64; 3]>,
     surface: Surface,
     centre: [f64; 3],
 }
 
-impl Search {
+impl Mirror {
     fn new(mesh: &Mesh) -> Result<Self> {
         let all: Vec<[f64; 3]> = mesh.points.iter().map(|p| p.map(f64::from)).collect();
         if all.len() < 10 || all.iter().all(|p| *p == all[0]) {

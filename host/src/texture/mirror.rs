@@ -2,7 +2,7 @@
 
 use crate::mesh::Axis;
 
-/// Part of the vertices that must have a mirror image.
+/// Share of the vertices that must have a mirror image. Chosen, not measured.
 const ENOUGH: f32 = 0.9;
 
 /// The counterpart of each vertex: the one nearest to where the mirror at a coordinate plane has it, if

@@ -28,7 +28,7 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "full", derive(clap::ValueEnum))]
 pub enum Kind {
-    /// As in the photo, its light included; for viewers that add none.
+    /// As in the photo, its light included: for viewers that add none.
     #[default]
     Photo,
     /// The photo without its light; for scenes with a light of their own.
@@ -48,10 +48,11 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Sides of a texture, pixels.
+/// Sides of a texture, pixels. Chosen, not measured.
 const SIDES: [u32; 2] = [512, 2048];
 
-/// The colours of a fitted object. `mesh` is the fit's, `shots` the photos fitted to: the first leads.
+/// The colours of a fitted object. `mesh` is the fit's, `shots` are the photos it was fitted to, of which the
+/// first lies on top.
 ///
 /// # Errors
 /// A crop that does not fit its photo.
@@ -71,7 +72,7 @@ pub fn bake(
     let side = (longer - longer / 4).next_power_of_two().clamp(SIDES[0], SIDES[1]);
     let normals = mesh.normals();
     let object = extent(&mean.points);
-    let surface = Surface {
+    let painter = Painter {
         canvas: Canvas::new(&mean.points, &mean.triangles, side as usize),
         smoother: Smoother::new(&mean.points, &mean.triangles, object),
         mesh,
@@ -81,32 +82,32 @@ pub fn bake(
     for shot in shots {
         looks.push(Seen::new(model, subject, shot, &normals, object)?);
     }
-    let mut layers = looks.iter().map(|seen| surface.seen(seen));
+    let mut layers = looks.iter().map(|seen| painter.seen(seen));
     let mut seen = layers.next().unwrap_or_default();
     for other in layers {
-        seen = over(&seen, &surface.matched(other, &seen));
+        seen = over(&seen, &painter.matched(other, &seen));
     }
-    let ground = surface.layer(|spot| {
+    let ground = painter.layer(|spot| {
         let [r, g, b] = spot.albedo;
         [r, g, b, 1.0]
     });
-    let mut whole = over(&seen, &surface.matched(ground, &seen));
+    let mut whole = over(&seen, &painter.matched(ground, &seen));
     if let Some(counterparts) = mirror::counterparts(&mean.points, &mean.triangles) {
-        let image = surface.canvas.mirrored(&seen, &mesh.triangles, &counterparts);
-        let image = surface.matched(image, &whole);
+        let image = painter.canvas.mirrored(&seen, &mesh.triangles, &counterparts);
+        let image = painter.matched(image, &whole);
         whole = over(&seen, &over(&image, &whole));
     }
     if kind == Kind::Photo
         && let Some(seen) = looks.first()
     {
-        whole = surface.layer(|s| {
+        whole = painter.layer(|s| {
             let [r, g, b, _] = whole[s.place];
             let [r, g, b] = seen.lamp().color([r, g, b], s.normal);
             [r, g, b, 1.0]
         });
     }
     let lit = kind == Kind::Albedo;
-    let colors = match surface.canvas.picture(&whole) {
+    let colors = match painter.canvas.picture(&whole) {
         Some((picture, uvs)) => Colors::Texture(Texture::new(uvs.to_vec(), picture)?),
         None => Colors::Vertices(
             whole.iter().map(|&[r, g, b, _]| [r, g, b].map(|x| x.clamp(0.0, 1.0))).collect(),
@@ -125,14 +126,15 @@ struct Spot {
     albedo: [f32; 3],
 }
 
-struct Surface<'a> {
+/// Makes layers of colour over a mesh.
+struct Painter<'a> {
     canvas: Canvas,
     smoother: Smoother,
     mesh: &'a Mesh,
     normals: &'a [[f32; 3]],
 }
 
-impl Surface<'_> {
+impl Painter<'_> {
     fn layer(&self, mut of: impl FnMut(Spot) -> [f32; 4]) -> Layer {
         self.canvas.layer(&self.mesh.triangles, &mut |place, corners, weights| {
             let mix = |field: &[[f32; 3]]| {

@@ -9,8 +9,8 @@ use onescan_core::model::Model;
 use onescan_core::render::shade::Shader;
 use onescan_core::scene::Scene;
 
-/// Draws the model in its skin over a plain colour: as the skin has it, or under the scene's light and
-/// colours if it is to be lit. `scene` gives the shape, but not the albedo.
+/// Draws the model in its skin over a plain colour: in the skin's own colours, or, if it is to be lit, under
+/// the scene's light and colour transform. `scene` gives the shape, but not the albedo.
 pub fn show(model: &Model<'_>, scene: &Scene, skin: &Skin, ground: Rgb) -> Picture {
     let [width, height] = scene.view.camera.image_size;
     let shader = Shader::new(&scene.view);

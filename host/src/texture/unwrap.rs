@@ -9,7 +9,8 @@ const STILL: f64 = 1e-4;
 /// How far a sweep goes beyond what each equation wants; 1.9 is about the best for some 10,000
 /// vertices.
 const OVERSHOOT: f64 = 1.9;
-/// How often weights are changed for less stretch, at most. It is the first few that matter.
+/// How often weights are changed for less stretch, at most. It is the first few that matter
+/// (docs/texture.md).
 const EVENINGS: usize = 2;
 /// Radius of the disc in the texture, whose side is 1: it leaves a margin.
 const RADIUS: f64 = 0.49;

@@ -15,8 +15,8 @@ use onescan_core::draw::{draw, draw_words};
 use onescan_core::engine::Engine;
 use onescan_core::hash::Fnv64;
 use onescan_core::image::Image;
-use onescan_core::likelihood::landmarks::Observation;
-use onescan_core::likelihood::pixels::{Coverage, Known, Surface, Target};
+use onescan_core::likelihood::landmarks::ObservedLandmark;
+use onescan_core::likelihood::pixels::{Coverage, Known, Rasterized, Target};
 use onescan_core::memory::Carver;
 use onescan_core::model::Model;
 use onescan_core::posterior::{self, Sampler};
@@ -78,14 +78,14 @@ impl Photo {
         let config = Config::default().with(|config| {
             config.shape_rank = self.rank;
             config.albedo_rank = self.rank;
-            config.landmark_samples = 1000;
-            config.samples = 2000;
+            config.landmark_steps = 1000;
+            config.image_steps = 2000;
             config.landmark_sd = 1.0;
             config.pixel_patch = 5.0;
         });
-        let landmarks: [Observation<'_>; MAX_LANDMARKS] = core::array::from_fn(|i| {
+        let landmarks: [ObservedLandmark<'_>; MAX_LANDMARKS] = core::array::from_fn(|i| {
             let (name, position) = self.landmarks.get(i).copied().unwrap_or_default();
-            Observation { name, position }
+            ObservedLandmark { name, position }
         });
         let side = self.side as u32;
         let image = Image { pixels: self.pixels()?, width: side, height: side };
@@ -323,9 +323,9 @@ pub fn stages(memory: &mut [u32], engine: &Engine) -> Option<[u64; STAGES.len()]
     let hits = (0..PIXELS).filter_map(|pixel| frame.hit(pixel % SIDE, pixel / SIDE));
     let rasterized =
         hash_of(hits.flat_map(|hit| [hit.triangle as f32, hit.weights[0], hit.weights[1]]));
-    let surface = Surface { frame: &frame, triangles: model.triangles, vertices: attributes };
+    let drawn = Rasterized { frame: &frame, triangles: model.triangles, vertices: attributes };
     let shader = Shader::new(&scene.view);
-    let residual = (engine.residual)(&surface, Known::default(), &shader, &target, f64::INFINITY)?;
+    let residual = (engine.residual)(&drawn, Known::default(), &shader, &target, f64::INFINITY)?;
     let shaded = hash_of([residual as f32, (residual - f64::from(residual as f32)) as f32]);
     let coverage: Coverage = (engine.coverage)(&frame, &target);
     let mut likelihood = Fnv64::default();

@@ -1,6 +1,6 @@
 //! A fish and a bird of [`solid`](super::solid)s: the templates, and others of their kind.
 
-use super::solid::{Part, Solid};
+use super::solid::{Ellipsoid, Solid};
 use crate::mesh::Mesh;
 use crate::mesh::landmarks::Landmark;
 use onescan_core::rng::Rng;
@@ -125,13 +125,8 @@ impl Kind {
     }
 
     fn solid(self) -> Solid {
-        let part = |name, centre: [f64; 3], radii: [f64; 3], pitch: f64, color: [f64; 3]| Part {
-            name,
-            centre,
-            radii,
-            pitch,
-            paired: centre[0] > 0.0,
-            color,
+        let part = |name, centre: [f64; 3], radii: [f64; 3], pitch: f64, color: [f64; 3]| {
+            Ellipsoid { name, centre, radii, pitch, paired: centre[0] > 0.0, color }
         };
         let parts = match self {
             Self::Fish => {

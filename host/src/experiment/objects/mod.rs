@@ -47,12 +47,12 @@ const NOISE: f32 = 0.02;
 const ANIMALS: u32 = 0xa1;
 
 /// How such fits are made, as in the paper's released program: landmarks to 2 pixels, and, by a chain, between pose
-/// and picture a stage that lets the shape follow them.
+/// and picture a phase that lets the shape follow them.
 pub fn config(schedule: Schedule, model: &Model<'_>) -> Config {
     schedule.config(model, SIDE).with(|config| {
         config.landmark_sd = 2.0;
         if schedule != Schedule::Mode {
-            config.shape_samples = 5000;
+            config.shape_steps = 5000;
         }
     })
 }
@@ -81,7 +81,7 @@ pub struct Row {
     pub rank: [usize; 2],
     /// Fraction of the variance that they hold.
     pub captured: [f64; 2],
-    /// Pixel error after the landmark stages, and after the fit.
+    /// Pixel error after the landmark phases, and after the fit.
     pub pixel_rmse: [f64; 2],
     /// Distance of corresponding landmarks from the truth, millimetres, after rigid alignment: of
     /// the template, and of the fit.

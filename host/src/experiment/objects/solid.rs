@@ -3,9 +3,9 @@
 use crate::mesh::Mesh;
 use std::collections::HashMap;
 
-/// An ellipsoid.
+/// A part of a solid.
 #[derive(Clone, Debug)]
-pub struct Part {
+pub struct Ellipsoid {
     /// What landmarks call it.
     pub name: &'static str,
     /// Millimetres; of a pair, that of the left one, x > 0.
@@ -24,7 +24,7 @@ pub struct Part {
 #[derive(Clone, Debug)]
 pub struct Solid {
     /// Its parts.
-    pub parts: Vec<Part>,
+    pub parts: Vec<Ellipsoid>,
     /// Dark bands across the first part: their distance along z, or 0 for none.
     pub bands: f64,
 }
@@ -39,7 +39,7 @@ const BAND: f64 = 0.45;
 /// A grid point or a cell of the grid.
 type Cell = [i32; 3];
 
-impl Part {
+impl Ellipsoid {
     /// A point in the part's own axes, and back.
     fn turned(&self, [x, y, z]: [f64; 3], sign: f64) -> [f64; 3] {
         let (sin, cos) = (sign * self.pitch.to_radians()).sin_cos();
@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn a_ball_is_round_closed_and_symmetric() {
-        let ball = Part {
+        let ball = Ellipsoid {
             name: "ball",
             centre: [0.0; 3],
             radii: [20.0; 3],

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 pub use json::JsonFile;
 pub use read::BinaryFile;
 
-/// Where datasets are found by path, `shape/model/mean` say.
+/// Where datasets are found by path, say `shape/model/mean`.
 pub trait Store {
     /// Lengths of a dataset's axes, none for a single value; `None` if there is no such dataset.
     ///

@@ -1,5 +1,5 @@
 //! Landmarks as other programs write them: MeshLab's picked points (`.pp`), 3D Slicer's markups
-//! (`.mrk.json`, and `.fcsv` of before).
+//! (`.mrk.json`, and older `.fcsv`).
 
 use super::Point;
 use crate::error::{Error, Result};

@@ -22,7 +22,7 @@ const TOLERANCE: f64 = 0.5 * MAX_RESIDUAL;
 /// direction. Small against `POSITIVE · TOLERANCE`.
 const NOISE: f64 = 1e-14;
 
-/// The part of the trace below which nothing is left to find.
+/// The part of the trace below which nothing is left to find. Chosen, not measured.
 const NOTHING: f64 = 1e-11;
 
 /// Rows that are multiplied at a time, fixed so that results do not depend on threads.

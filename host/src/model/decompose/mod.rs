@@ -9,10 +9,10 @@
 //!
 //! Results are the same at every number of threads.
 
+mod columns;
 mod commuting;
 mod grid;
 mod krylov;
-mod lanes;
 mod near;
 mod operator;
 mod structure;
@@ -27,16 +27,17 @@ use operator::KEPT_BYTES;
 use rayon::prelude::*;
 use structure::{Structure, Use};
 
-/// Largest residual `‖K u − λ u‖ / λ` of any pair returned.
+/// Largest residual `‖K u − λ u‖ / λ` of any pair returned. Chosen; docs/decomposition.md has
+/// what is reached.
 pub const MAX_RESIDUAL: f64 = 1e-3;
 
-/// Most components [`Truncation::Variance`] will go to.
+/// Most components [`Truncation::Variance`] will go to. Chosen, not measured.
 pub const MAX_COMPONENTS: usize = 2000;
 
 /// Pairs below this fraction of the leading eigenvalue are rounding noise of a
-/// rank-deficient kernel.
+/// rank-deficient kernel. Chosen, not measured.
 const POSITIVE: f64 = 1e-9;
-/// The same where products are not exact.
+/// The same where products are not exact. Chosen, not measured.
 const RESOLVED: f64 = 1e-6;
 
 /// Receives the fraction done, in `[0, 1]`, and what is being done.

@@ -7,12 +7,12 @@
 // Without it `pulp`'s dispatch compiles for the base instruction set.
 #![allow(clippy::inline_always)]
 
-use super::lanes::{LANES, Lanes, Sum, aligned};
+use super::columns::{ABREAST, Row, Sum, aligned};
 use super::tiles::Metric;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows of a block.
+/// Rows of a block. Chosen, not measured, as are the next up to [`COARSE`].
 const ROWS: usize = 8;
 /// Columns of a block.
 const COLUMNS: usize = 32;
@@ -59,10 +59,10 @@ impl Near {
     }
 
     /// `T_p X` of each field `X`, given with its problem `p`.
-    pub(super) fn apply(&self, fields: &[(usize, Vec<Lanes>)]) -> Vec<Vec<Sum>> {
+    pub(super) fn apply(&self, fields: &[(usize, Vec<Row>)]) -> Vec<Vec<Sum>> {
         let n = fields.first().map_or(0, |(_, x)| x.len());
         if self.metrics.is_empty() {
-            return vec![vec![[0.0; LANES]; n]; fields.len()];
+            return vec![vec![[0.0; ABREAST]; n]; fields.len()];
         }
         // What is multiplied by one value lies together.
         let mut memory = Vec::new();
@@ -74,7 +74,7 @@ impl Near {
         let weights: Vec<&[f64]> =
             fields.iter().map(|(p, _)| self.weights[*p].as_slice()).collect();
         let product = |(block, columns): (usize, &Vec<Vec<u32>>)| {
-            let mut sums = vec![[[0.0; LANES]; ROWS]; weights.len()];
+            let mut sums = vec![[[0.0; ABREAST]; ROWS]; weights.len()];
             let first = block * ROWS;
             let sweep =
                 Sweep { near: self, columns, first, weights: &weights, field, sums: &mut sums };
@@ -94,10 +94,10 @@ struct Sweep<'a> {
     columns: &'a [Vec<u32>],
     /// The first row.
     first: usize,
-    /// Of each [`LANES`] columns that are multiplied, the weights of their problem.
+    /// Of each [`ABREAST`] columns that are multiplied, the weights of their problem.
     weights: &'a [&'a [f64]],
     /// Per point, all columns.
-    field: &'a [Lanes],
+    field: &'a [Row],
     sums: &'a mut [[Sum; ROWS]],
 }
 
@@ -180,13 +180,13 @@ fn add<'a, S: pulp::Simd>(
     sums: &mut [Sum; ROWS],
     w: f64,
     values: &[[f32; ROWS]],
-    field: impl Fn(usize) -> &'a Lanes,
+    field: impl Fn(usize) -> &'a Row,
 ) {
     if w == 0.0 {
         return;
     }
     // As many lanes as a register has, so that a block's sums are in registers.
-    for part in 0..LANES / S::F32_LANES {
+    for part in 0..ABREAST / S::F32_LANES {
         let mut block = [simd.splat_f32s(0.0); ROWS];
         for (k, values) in values.iter().enumerate() {
             let x = S::as_simd_f32s(field(k)).0[part];
@@ -346,7 +346,7 @@ mod tests {
         let kept: usize = near.blocks.iter().flatten().map(|b| b.len() * ROWS * COLUMNS).sum();
         assert!(kept < all / 4, "{kept} of {all}");
         let row = |i: usize| std::array::from_fn(|lane| ((i + 3 * lane) % 11) as f32 - 5.0);
-        let fields = [1, 0].map(|p| (p, (0..n).map(row).collect::<Vec<Lanes>>()));
+        let fields = [1, 0].map(|p| (p, (0..n).map(row).collect::<Vec<Row>>()));
         for ((p, x), found) in fields.iter().zip(near.apply(&fields)) {
             let value = |i: usize, j: usize| -> f64 {
                 let [a, b] = [0, 1].map(|m: usize| moved[m].distance(i, j));

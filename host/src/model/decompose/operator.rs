@@ -8,17 +8,17 @@
 //! (`near`), a wide one goes by way of a grid (`grid`). Both are right to 1e-6 of its largest
 //! value; [`Operator::error`] measures what comes of that.
 
+use super::columns::{ABREAST, Row, Sum, gathered};
 use super::grid::{self, Grid, Workspace};
-use super::lanes::{LANES, Lanes, Sum, gathered};
 use super::near::{self, Near};
 use super::tiles::{self, Metric, Tiles};
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
-/// Kernel matrices up to this many bytes in all are evaluated once and kept.
+/// Kernel matrices up to this many bytes in all are evaluated once and kept. Chosen, not measured.
 pub(super) const KEPT_BYTES: usize = 2 << 30;
 
-/// Rows of the exact matrices that products are compared with.
+/// Rows of the exact matrices that products are compared with. Chosen, not measured.
 const CHECKED: usize = 256;
 /// So many at once.
 const CHECKED_TOGETHER: usize = 16;
@@ -56,7 +56,7 @@ struct Split {
     smooth: Vec<Smooth>,
 }
 
-/// At most [`LANES`] columns of an input.
+/// At most [`ABREAST`] columns of an input.
 struct Columns {
     input: usize,
     first: usize,
@@ -183,19 +183,19 @@ impl Split {
         let parts: Vec<Columns> = (0..inputs.len())
             .flat_map(|input| {
                 let all = inputs[input].1.ncols();
-                let part = move |first| Columns { input, first, count: LANES.min(all - first) };
-                (0..all).step_by(LANES).map(part)
+                let part = move |first| Columns { input, first, count: ABREAST.min(all - first) };
+                (0..all).step_by(ABREAST).map(part)
             })
             .collect();
         let field = |part: &Columns| {
             let (p, x) = inputs[part.input];
             (p, gathered(x.subcols(part.first, part.count), &self.order, &problems[p].scales))
         };
-        let fields: Vec<(usize, Vec<Lanes>)> = parts.par_iter().map(field).collect();
+        let fields: Vec<(usize, Vec<Row>)> = parts.par_iter().map(field).collect();
 
         let mut sums = self.near.apply(&fields);
         let smooth = |workspace: &mut Workspace, (sums, field): (&mut Vec<Sum>, _)| {
-            let (p, x): &(usize, Vec<Lanes>) = field;
+            let (p, x): &(usize, Vec<Row>) = field;
             for smooth in &self.smooth {
                 smooth.apply(x, &problems[*p].gaussians, sums, workspace);
             }
@@ -234,7 +234,7 @@ impl Smooth {
     }
 
     /// Adds the product with a field.
-    fn apply(&self, x: &[Lanes], weights: &[f64], sums: &mut [Sum], workspace: &mut Workspace) {
+    fn apply(&self, x: &[Row], weights: &[f64], sums: &mut [Sum], workspace: &mut Workspace) {
         let weight = |a: Option<usize>| a.map_or(0.0, |a| weights[a]);
         let weights: Vec<[f64; 2]> = self.gaussians.iter().map(|both| both.map(weight)).collect();
         if weights.as_flattened().iter().any(|w| *w != 0.0) {

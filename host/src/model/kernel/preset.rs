@@ -28,7 +28,7 @@ pub struct Hyper {
     pub alpha: f64,
     /// `β`: how much channels correlate in kernels over positions.
     pub beta: f64,
-    /// `γ`: and in kernels over colours.
+    /// `γ`: the same in kernels over colours.
     pub gamma: f64,
 }
 
@@ -108,7 +108,7 @@ pub enum Field {
 pub struct Named {
     /// The paper's symbol, in HTML.
     pub symbol: &'static str,
-    /// Of what.
+    /// What it is a kernel of.
     pub field: Field,
     /// What one sees in its samples.
     pub shows: &'static str,
@@ -242,7 +242,7 @@ impl Preset {
 /// The kernels of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kernels {
-    /// What to call them.
+    /// Their name, for people.
     pub name: String,
     /// Of displacements, mm².
     pub shape: Kernel,
@@ -262,7 +262,7 @@ struct File {
 }
 
 impl Kernels {
-    /// Whether mirror images depend on each other by them.
+    /// Whether mirror images depend on each other under these kernels.
     pub fn mirror(&self) -> bool {
         let terms = [&self.shape, &self.albedo].map(Kernel::terms);
         terms.iter().flatten().any(|term| term.negates != [false; 3])
@@ -294,8 +294,8 @@ impl Kernels {
     /// `albedo` or both. `preset` and `mirror` are those taken when the text does not say.
     ///
     /// # Errors
-    /// TOML that is malformed or has other keys; hyper-parameters and kernels that are no
-    /// covariances.
+    /// TOML that is malformed or has other keys; hyper-parameters and kernels that are not
+    /// those of a covariance.
     pub fn parse(text: &str, preset: &Preset, mirror: Option<Axis>) -> Result<Self> {
         let file: File = toml::from_str(text).map_err(|e| Error::toml(text, &e))?;
         let preset = match &file.preset {

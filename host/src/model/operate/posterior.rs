@@ -50,11 +50,11 @@ impl Observation {
 
 impl Process {
     /// The process given observations; its own noise adds to their errors. Components are
-    /// orthonormal, leading ones first. Of the variance the components never held, data say
-    /// nothing.
+    /// orthonormal, leading ones first. Data say nothing of the variance that the components
+    /// never held.
     ///
     /// # Errors
-    /// A vertex out of range, a covariance that is none, numbers that are not finite.
+    /// A vertex out of range, a covariance that is not positive semidefinite, numbers that are not finite.
     pub fn posterior(&self, observations: &[Observation]) -> Result<Self> {
         let (vertices, rank) = (self.vertices(), self.rank());
         let q = self.scaled_basis();

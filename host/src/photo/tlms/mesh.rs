@@ -19,10 +19,10 @@ const DEPTH: usize = 5;
 /// A point of the mesh and its weight.
 type Weighted = (u16, f32);
 /// A landmark's name without its side, and what it is the mean of.
-type Part = (&'static str, &'static [Weighted]);
+type NamedMean = (&'static str, &'static [Weighted]);
 
 /// Landmarks of the middle of the face.
-const CENTER: [Part; 7] = [
+const CENTER: [NamedMean; 7] = [
     ("chin.tip", &[(152, 0.61), (175, 0.39)]),
     ("lips.lower.inner", &[(14, 0.98), (15, 0.02)]),
     ("lips.lower.outer", &[(17, 0.99), (18, 0.01)]),
@@ -33,7 +33,7 @@ const CENTER: [Part; 7] = [
 ];
 
 /// Landmarks of the subject's right side.
-const RIGHT: [Part; 17] = [
+const RIGHT: [NamedMean; 17] = [
     ("eye.bottom", &[(145, 0.74), (144, 0.38), (23, -0.12)]),
     ("eye.corner_inner", &[(133, 1.0)]),
     ("eye.corner_outer", &[(33, 1.0)]),
@@ -111,7 +111,7 @@ impl Tlms {
             x,
             y,
         };
-        let side = |side: &'static str, all: &'static [Part], turn: fn(u16) -> u16| {
+        let side = |side: &'static str, all: &'static [NamedMean], turn: fn(u16) -> u16| {
             all.iter().filter_map(move |(part, w)| Some(named(side, part, mean(w, turn)?)))
         };
         let center = side("center", &CENTER, |point| point);

@@ -44,10 +44,10 @@ impl fmt::Display for Mended {
     }
 }
 
-/// Joins equal vertices (their colours are averaged), drops triangles without area, repeated ones
-/// and of those that crowd an edge the smallest, if asked all components but the largest, and
-/// vertices no triangle uses; turns triangles so that neighbours agree, and closed pieces and the
-/// surface as a whole look outwards. Order is kept. Doing it again changes nothing.
+/// Joins equal vertices (their colours are averaged). Drops triangles without area, repeated ones, the smallest
+/// of those that crowd an edge, if asked all components but the largest, and vertices that no triangle uses.
+/// Turns triangles so that neighbours agree, and closed pieces and the surface as a whole look outwards. Order
+/// is kept. Doing it again changes nothing.
 ///
 /// A mesh that has no triangle with area is given back without triangles.
 pub fn mend(mesh: &Mesh, largest_only: bool) -> (Mesh, Mended) {

@@ -58,8 +58,8 @@ impl Default for Frame {
 }
 
 impl Frame {
-    /// The frame whose `up` and `front` become `+y` and `+z`. Without `front` it is the file's z,
-    /// or where z is up or down what programs take for the front then: −y, and +y.
+    /// The frame whose `up` and `front` become `+y` and `+z`. Without `front` the front is the file's z; if z is
+    /// up it is −y, and if z is down +y, as programs have it.
     ///
     /// # Errors
     /// `up` and `front` along the same axis.

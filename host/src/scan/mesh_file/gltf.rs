@@ -24,7 +24,7 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Most vertices that are read: a small file may place the same mesh any number of times.
+/// Most vertices that are read: a small file may place the same mesh any number of times. Chosen, not measured.
 const MAX_VERTICES: usize = 50_000_000;
 
 /// Reads a glTF file from its bytes: all triangles of the default scene, in the scene's
@@ -42,38 +42,38 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &Options) -> Result<Rough
     let (document, blob) = document::open(bytes)?;
     let place = Place::new(path, options);
     let buffers = Buffers::load(&document, blob, &place)?;
-    let mut parts = Vec::new();
+    let mut primitives = Vec::new();
     let (mut vertices, mut all) = (0, 0);
     for placed in pose::placed(&document)? {
         for primitive in placed.mesh.primitives() {
             let at = format!("mesh {}, primitive {}", placed.mesh.index(), primitive.index());
-            let part = Part::read(&buffers, &primitive, &placed, options)
+            let primitive = PlacedPrimitive::read(&buffers, &primitive, &placed, options)
                 .map_err(|e| Error::new(format_args!("{at}: {e}")))?;
-            let Some(part) = part else { continue };
-            vertices += part.points.len();
-            all += part.triangles.len();
+            let Some(primitive) = primitive else { continue };
+            vertices += primitive.points.len();
+            all += primitive.triangles.len();
             if vertices > MAX_VERTICES || all > MAX_VERTICES {
                 return Err(Error::new(format_args!(
                     "{at}: more than {MAX_VERTICES} vertices in all; decimate, or export one copy"
                 )));
             }
-            parts.push(part);
+            primitives.push(primitive);
         }
     }
-    if parts.is_empty() {
+    if primitives.is_empty() {
         return Err(Error::new("has no faces; mesh the point cloud first"));
     }
-    if options.texture.is_some() && parts.iter().all(|part| part.uvs.is_none()) {
+    if options.texture.is_some() && primitives.iter().all(|primitive| primitive.uvs.is_none()) {
         return Err(Error::new("has no texture coordinates; --texture cannot be laid on it"));
     }
-    let points = parts.iter().flat_map(|part| part.points.iter().copied());
+    let points = primitives.iter().flat_map(|primitive| primitive.points.iter().copied());
     if let Some(how) = options.subdivision(Format::Gltf, points) {
-        for part in &mut parts {
-            part.refine(how)?;
+        for primitive in &mut primitives {
+            primitive.refine(how)?;
         }
     }
-    let (colors, lost) = bake(&document, &buffers, &place, &parts, options)?;
-    let Joined { points, colors, triangles } = joined(&parts, &colors);
+    let (colors, lost) = bake(&document, &buffers, &place, &primitives, options)?;
+    let Joined { points, colors, triangles } = joined(&primitives, &colors);
     let (points, origin) = far::settled(&points);
     let (map, points) = weld(&points);
     let mut paint = Paint::new(points.len());
@@ -102,29 +102,29 @@ type Colors = Vec<Option<[f32; 3]>>;
 
 /// Puts the primitives together: first the vertices that the file has, then those that were made, so that
 /// the first keep their numbers.
-fn joined(parts: &[Part], colors: &[Colors]) -> Joined {
+fn joined(primitives: &[PlacedPrimitive], colors: &[Colors]) -> Joined {
     let mut all = Joined { points: Vec::new(), colors: Vec::new(), triangles: Vec::new() };
-    let mut firsts = vec![[0, 0]; parts.len()];
+    let mut firsts = vec![[0, 0]; primitives.len()];
     for made in [0, 1] {
-        for ((part, colors), firsts) in parts.iter().zip(colors).zip(&mut firsts) {
+        for ((primitive, colors), firsts) in primitives.iter().zip(colors).zip(&mut firsts) {
             firsts[made] = all.points.len();
-            let range = [0..part.own, part.own..part.points.len()][made].clone();
-            all.points.extend(&part.points[range.clone()]);
+            let range = [0..primitive.own, primitive.own..primitive.points.len()][made].clone();
+            all.points.extend(&primitive.points[range.clone()]);
             all.colors.extend(&colors[range]);
         }
     }
-    for (part, [first, made]) in parts.iter().zip(firsts) {
-        let number = |v: u32| match (v as usize).checked_sub(part.own) {
+    for (primitive, [first, made]) in primitives.iter().zip(firsts) {
+        let number = |v: u32| match (v as usize).checked_sub(primitive.own) {
             None => first as u32 + v,
             Some(v) => (made + v) as u32,
         };
-        all.triangles.extend(part.triangles.iter().map(|t| t.map(number)));
+        all.triangles.extend(primitive.triangles.iter().map(|t| t.map(number)));
     }
     all
 }
 
 /// A primitive, in the scene's coordinates.
-struct Part {
+struct PlacedPrimitive {
     points: Vec<[f64; 3]>,
     /// How many of them the file has; the others were made.
     own: usize,
@@ -138,7 +138,7 @@ struct Part {
     image: Option<(usize, [Wrap; 2])>,
 }
 
-impl Part {
+impl PlacedPrimitive {
     /// Reads a primitive; none if it is of points or lines.
     fn read(
         buffers: &Buffers,
@@ -190,7 +190,7 @@ fn painted(
     points: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     options: &Options,
-) -> Result<Part> {
+) -> Result<PlacedPrimitive> {
     let count = points.len();
     let material = primitive.material();
     let (factor, info) = base_color(&material);
@@ -226,7 +226,7 @@ fn painted(
         }
         None => None,
     };
-    Ok(Part { own: count, points, triangles, linear, factor_only, uvs, image })
+    Ok(PlacedPrimitive { own: count, points, triangles, linear, factor_only, uvs, image })
 }
 
 /// Texture coordinates, v down, as the texture's transform moves them.
@@ -302,50 +302,55 @@ fn bake(
     document: &Document,
     buffers: &Buffers,
     place: &Place<'_>,
-    parts: &[Part],
+    primitives: &[PlacedPrimitive],
     options: &Options,
 ) -> Result<(Vec<Colors>, Lost)> {
-    let mut all: Vec<_> = parts.iter().map(|part| vec![None; part.points.len()]).collect();
+    let mut all: Vec<_> =
+        primitives.iter().map(|primitive| vec![None; primitive.points.len()]).collect();
     let mut lost = Lost::default();
-    let mut lay = |part: &Part, colors: &mut Colors, picture: &Picture, wrap, own: bool| {
-        let Some(uvs) = &part.uvs else { return };
-        for triangle in &part.triangles {
-            let seen = lost.read(picture, triangle.map(|v| uvs[v as usize]), wrap);
-            for (v, seen) in triangle.map(|v| v as usize).into_iter().zip(seen) {
-                colors[v] = Some(if own { seen } else { lit(seen, part.linear[v]) });
+    let mut lay =
+        |primitive: &PlacedPrimitive, colors: &mut Colors, picture: &Picture, wrap, own: bool| {
+            let Some(uvs) = &primitive.uvs else { return };
+            for triangle in &primitive.triangles {
+                let seen = lost.read(picture, triangle.map(|v| uvs[v as usize]), wrap);
+                for (v, seen) in triangle.map(|v| v as usize).into_iter().zip(seen) {
+                    colors[v] = Some(if own { seen } else { lit(seen, primitive.linear[v]) });
+                }
             }
-        }
-    };
+        };
     if let Some(file) = &options.texture {
         let picture = paint::texture(file)?;
-        for (part, colors) in parts.iter().zip(&mut all) {
-            lay(part, colors, &picture, [Wrap::Repeat; 2], true);
+        for (primitive, colors) in primitives.iter().zip(&mut all) {
+            lay(primitive, colors, &picture, [Wrap::Repeat; 2], true);
         }
     } else {
         // One image at a time: decoded, they are large.
-        let textured = |part: &&Part| part.uvs.is_some();
-        let wanted = parts.iter().filter(textured).filter_map(|part| Some(part.image?.0));
+        let textured = |primitive: &&PlacedPrimitive| primitive.uvs.is_some();
+        let wanted =
+            primitives.iter().filter(textured).filter_map(|primitive| Some(primitive.image?.0));
         for index in wanted.collect::<BTreeSet<_>>() {
             let picture = image(document, buffers, place, index)
                 .map_err(|e| Error::new(format_args!("image {index}: {e}")))?;
-            for (part, colors) in parts.iter().zip(&mut all) {
-                if let Some((image, wrap)) = part.image
+            for (primitive, colors) in primitives.iter().zip(&mut all) {
+                if let Some((image, wrap)) = primitive.image
                     && image == index
                 {
-                    lay(part, colors, &picture, wrap, false);
+                    lay(primitive, colors, &picture, wrap, false);
                 }
             }
         }
     }
-    let first = |part: &Part| part.linear.first().copied();
+    let first = |primitive: &PlacedPrimitive| primitive.linear.first().copied();
     // One flat colour all over is what programs write for none.
-    let plain = parts.iter().all(|part| part.factor_only && first(part) == first(&parts[0]));
-    for (part, colors) in parts.iter().zip(&mut all) {
-        let white = first(part) == Some([1.0; 3]);
-        if part.factor_only && (white || plain && options.color.is_some()) {
+    let plain = primitives
+        .iter()
+        .all(|primitive| primitive.factor_only && first(primitive) == first(&primitives[0]));
+    for (primitive, colors) in primitives.iter().zip(&mut all) {
+        let white = first(primitive) == Some([1.0; 3]);
+        if primitive.factor_only && (white || plain && options.color.is_some()) {
             continue;
         }
-        for (color, linear) in colors.iter_mut().zip(&part.linear) {
+        for (color, linear) in colors.iter_mut().zip(&primitive.linear) {
             *color = color.or(Some(linear.map(glb::stored)));
         }
     }

@@ -21,35 +21,35 @@ use named::Place;
 use paint::{Lost, Paint, Wrap};
 use std::path::{Path, PathBuf};
 
-/// What a file does not say of itself.
+/// What a file does not say about itself.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Colour of what the file gives none, RGB in `[0, 1]` as stored. Materials of one flat colour
-    /// all over count as none: most programs write one for what has no colour.
+    /// Colour for what has none in the file, RGB in `[0, 1]` as stored. One flat colour all over counts as
+    /// none: most programs write a material for what has no colour.
     pub color: Option<[f32; 3]>,
-    /// A texture to lay by the file's coordinates, instead of all colours it has.
+    /// A texture to lay on by the file's coordinates, in place of all colours it has.
     pub texture: Option<PathBuf>,
-    /// The texture's v axis points the other way than the format says.
+    /// Whether the texture's v axis points the other way than the format says.
     pub flip_v: bool,
-    /// Reads files that the scan names outside its own directory.
+    /// Whether files are read that the scan names outside its own directory.
     pub allow_outside: bool,
     /// Which way the scan stands.
     pub frame: Frame,
     /// How long its unit is.
     pub scale: Scale,
-    /// Splits triangles before textures are read off at their corners; lengths are millimetres.
+    /// How triangles are split before textures are read off at their corners; lengths are millimetres.
     pub subdivision: Option<Subdivision>,
 }
 
 /// How long a scan's unit is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Scale {
-    /// As the format has it.
+    /// The format's own unit.
     #[default]
     Format,
     /// So many millimetres.
     Unit(f32),
-    /// So that the longest side of the box around the mesh becomes so many millimetres.
+    /// Such that the longest side of the box around the mesh is so many millimetres.
     Size(f32),
 }
 
@@ -212,7 +212,7 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     (1..).zip(text.split(end).map(str::trim))
 }
 
-/// [`read`] of bytes; `path` tells where the files lie that they name.
+/// The same as [`read`], from bytes; `path` tells where the files lie that they name.
 ///
 /// # Errors
 /// As [`read`], without the file's name.

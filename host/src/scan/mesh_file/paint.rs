@@ -45,7 +45,8 @@ pub(super) struct Lost {
     triangles: f64,
 }
 
-/// How far colours between vertices may be from those of the texture, of 1, before that is told.
+/// How far colours between vertices may be from those of the texture, of 1, before that is told. Chosen,
+/// not measured, as are the next.
 const FAR: f64 = 0.05;
 /// A texture with fewer pixels to a triangle has little that vertices have not.
 const FEW: f64 = 4.0;

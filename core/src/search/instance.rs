@@ -1,4 +1,4 @@
-//! The surface of the subject: positions, normals, albedo, and how normals follow positions.
+//! The subject's instance of the model: positions, normals, albedo, and how normals follow positions.
 //!
 //! A vertex normal is `n = S/‖S‖`, `S` the sum of the unit normals `N/‖N‖`, `N = e₁ × e₂`, of the
 //! faces around it. Backwards, with `σ = (I − n nᵀ)/‖S‖ · ∂E/∂n`, each of these faces passes on
@@ -13,13 +13,13 @@ use crate::render::rasterize::Hit;
 use crate::scene::Subject;
 use crate::vector::{Vec3, add, cross, dot, scale, sub, xyz};
 
-/// Words of memory a [`Surface`] needs.
-pub(crate) const fn surface_words(vertices: usize, triangles: usize) -> usize {
+/// Words of memory an [`Instance`] needs.
+pub(crate) const fn instance_words(vertices: usize, triangles: usize) -> usize {
     3 * 4 * padded(vertices) + (padded(vertices) + 1) + 3 * triangles
 }
 
-/// A model's instance.
-pub(super) struct Surface<'w> {
+/// The surface of the subject, as its coefficients have it.
+pub(super) struct Instance<'w> {
     /// Model frame, mm.
     pub(super) positions: &'w mut [Quad],
     /// Unit normals, and `1/‖S‖`.
@@ -84,7 +84,7 @@ impl FaceAdjoint {
     }
 }
 
-impl<'w> Surface<'w> {
+impl<'w> Instance<'w> {
     /// Takes the memory and lists the faces around every vertex; `None` if there is too little.
     pub(super) fn carve(carver: &mut Carver<'w>, model: &Model<'_>) -> Option<Self> {
         let n = padded(model.vertices());
