@@ -64,7 +64,7 @@ impl Fitted {
     ) -> f64 {
         let (photo, crop) = &self.photos[number];
         let scene = self.scene(number);
-        let shown = show(model, scene, skin, [0; 3], 2);
+        let shown = render::smooth(scene, |scene, _| Ok(show(model, scene, skin, [0; 3]))).unwrap();
         let seen = crop.cut(photo).unwrap();
         let depth = render::inverse_distances(model, scene);
         let mask = &self.fits[number].mode.as_ref().unwrap().mask;
