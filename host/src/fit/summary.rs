@@ -439,6 +439,21 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn fields_that_were_renamed_are_called_in_files_as_ever() {
+        let value: Value = serde_json::from_str(&example().to_json().unwrap()).unwrap();
+        for (field, expected) in [
+            ("/landmark_samples", 100.into()),
+            ("/shape_samples", 0.into()),
+            ("/samples", 200.into()),
+            ("/proposals/0/stage", "landmarks".into()),
+            ("/proposals/2/stage", "image".into()),
+            ("/proposals/2/search", true.into()),
+        ] {
+            assert_eq!(value.pointer(field), Some::<&Value>(&expected), "{field}");
+        }
+    }
+
+    #[test]
     fn unknown_fields_are_ignored() {
         let text = example().to_json().unwrap().replacen('{', "{\"future\": [1, null],", 1);
         assert_eq!(Summary::parse(&text).unwrap(), example());
