@@ -27,6 +27,7 @@ const SAMPLED: [usize; 2] = [nystrom::POINTS, 1000];
 const COMPONENTS: usize = 199;
 /// Vertices of these.
 pub const SIZES: [usize; 7] = [500, 2000, 8000, 25_000, 50_000, 100_000, 200_000];
+/// Seed of Nyström's samples: that of the released program.
 const SEED: u64 = 1986;
 
 /// The result.
@@ -275,7 +276,7 @@ impl Decompositions {
     /// The page.
     ///
     /// # Errors
-    /// None.
+    /// Never in practice.
     pub fn page(&self) -> Result<String> {
         page::page(self, &self.tables())
     }

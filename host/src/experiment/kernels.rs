@@ -94,7 +94,7 @@ pub fn sheet(columns: &[Column]) -> Picture {
 /// The page that shows the sheet and says what one sees.
 ///
 /// # Errors
-/// None.
+/// Never in practice.
 pub fn page(columns: &[Column], scan: &str) -> Result<String> {
     let mut body = String::from("<section>\n<h2>Three samples of each kernel</h2>\n");
     body += &report::figure(

@@ -157,7 +157,7 @@ impl Sheets {
     /// The page.
     ///
     /// # Errors
-    /// None.
+    /// Never in practice.
     pub fn page(&self) -> Result<String> {
         let mut body = String::new();
         for (heading, picture, caption) in [

@@ -25,7 +25,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
-/// What the kernels' covariance is multiplied by beside principal components: .3².
+/// What the kernels' covariance is multiplied by beside principal components: .3², as for the
+/// peers' best model in docs/registration.md.
 const KERNELS: f64 = 0.09;
 /// Regions that errors are told of.
 pub const REGIONS: [&str; 6] = ["all", "eyes", "brows", "lips", "nose", "cheeks"];
@@ -337,7 +338,7 @@ impl Registrations {
     /// The numbers.
     ///
     /// # Errors
-    /// None.
+    /// Never in practice.
     pub fn to_json(&self) -> Result<String> {
         crate::json::to_text(self)
     }

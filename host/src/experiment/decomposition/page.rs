@@ -21,7 +21,7 @@ const COSTS: [(&str, Value); 2] =
 /// of sizes: headings, then rows, each of cells.
 ///
 /// # Errors
-/// None.
+/// Never in practice.
 pub(super) fn page(result: &Decompositions, [methods, sizes]: &[Table; 2]) -> Result<String> {
     let mut html = String::new();
     body(&mut html, result, methods, sizes).map_err(Error::new)?;

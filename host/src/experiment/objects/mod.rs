@@ -278,7 +278,7 @@ impl Objects {
     /// The page.
     ///
     /// # Errors
-    /// None.
+    /// Never in practice.
     pub fn page(&self) -> Result<String> {
         let mut body = String::from("<section>\n<h2>Samples</h2>\n");
         let [(_, samples), (_, fits)] = self.sheets();

@@ -67,10 +67,11 @@ const ON_SINGLE: [[f64; 3]; SCANS] = [
     [85.5, 74.3, 59.8],
     [87.6, 76.3, 55.4],
 ];
-/// Its ten-scan PCA, its ten-scan mixture, and the Basel face model of 2017.
+/// Its row of principal components of ten scans.
 const TEN_SCANS: [f64; 3] = [86.0, 65.9, 42.2];
-/// The mixture's.
+/// Its mixture of ten scans (kernel density estimate).
 pub(super) const MIXTURE: [f64; 3] = [94.0, 85.9, 71.5];
+/// Its row of the Basel face model of 2017.
 const BASEL: [f64; 3] = [98.8, 98.0, 90.0];
 
 impl Named {

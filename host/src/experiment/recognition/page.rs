@@ -19,7 +19,7 @@ const SHOWN: &str = DRAWN[0];
 const MISTAKES: usize = 8;
 /// Their sides, pixels.
 const SIDE: u32 = 160;
-/// Differences as likely as this by chance are none.
+/// Differences as likely as this by chance are none: the customary 5 %.
 const SIGNIFICANT: f64 = 0.05;
 
 fn percent(share: f64) -> String {
