@@ -45,6 +45,8 @@ impl Results {
             if !set.orders.is_empty() {
                 let _ = writeln!(text, "\n### The paper's orderings\n");
                 text += &set.order_table();
+                let _ = writeln!(text, "\n### The same by d′\n");
+                text += &set.gap_table();
             }
             text.push('\n');
         }
@@ -71,6 +73,10 @@ impl Results {
                          the second model gets right, and the probability of so large a difference \
                          by chance (McNemar’s exact test).</p>\n";
                 body += &html_table(&set.order_table());
+                body += "<p>By how much d′ of the first is above that of the second, ± its standard \
+                         error over people (the jackknife); “not told” if zero is within 1.96 of \
+                         these.</p>\n";
+                body += &html_table(&set.gap_table());
             }
             if let Some((sheet, text)) = set.mistakes(plan, kind)? {
                 body += "<h3>The worst mistakes</h3>\n";
@@ -139,6 +145,26 @@ impl SetResult {
                 let _ = write!(text, " | {one} : {other}, p {:.3}, {verdict}", angle.chance);
             }
             text += " |\n";
+        }
+        text
+    }
+
+    fn gap_table(&self) -> String {
+        let mut text = String::from("| pair | score | 15° | 30° | 45° |\n|---|---|---|---|---|\n");
+        for Order { better, worse, angles } in &self.orders {
+            let scores = angles.first().map(|angle| &angle.gaps[..]).unwrap_or_default();
+            for (place, (score, _)) in scores.iter().enumerate() {
+                let _ = write!(text, "| {better} above {worse} | {score}");
+                for (_, gap) in angles.iter().filter_map(|angle| angle.gaps.get(place)) {
+                    let verdict = match (gap.is_told(), gap.difference > 0.0) {
+                        (false, _) => "not told",
+                        (true, true) => "yes",
+                        (true, false) => "reversed",
+                    };
+                    let _ = write!(text, " | {:+.2} ± {:.2}, {verdict}", gap.difference, gap.error);
+                }
+                text += " |\n";
+            }
         }
         text
     }

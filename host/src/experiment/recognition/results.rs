@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::json;
 use crate::recognition::scores::{Face, Score};
 use crate::recognition::statistics::{
-    Share, Trial, by_chance, cumulative, first, means, sensitivity,
+    Gap, Share, Trial, by_chance, cumulative, first, means, sensitivity,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -52,6 +52,9 @@ pub struct Row {
     /// Of the cosine: whom the probes were taken for.
     #[serde(skip)]
     takings: Vec<Vec<Taking>>,
+    /// Of [`COMPARED`], by angle: all scores.
+    #[serde(skip)]
+    trials: [Vec<Vec<Trial>>; 2],
 }
 
 /// One angle of probes by one score.
@@ -102,6 +105,8 @@ pub struct Angle {
     pub only: [usize; 2],
     /// Probability of so large a difference by chance (`McNemar`'s exact test).
     pub chance: f64,
+    /// Differences of d′, by the score.
+    pub gaps: Vec<(Score, Gap)>,
 }
 
 /// Pairs of which the paper says that the first is better.
@@ -121,6 +126,9 @@ const PAIRS: [(&str, &str); 14] = [
     ("sixty-people-pca", "symmetric-full"),
     ("sixty-people-pca", TEN_MIXTURE),
 ];
+
+/// Scores by which d′ is compared: the default, and that of the halves in which kernels on one mean differ.
+const COMPARED: [Score; 2] = [Score::Cosine, Score::Albedo];
 
 /// By person, the faces that a model's components found.
 type Faces = BTreeMap<u32, Vec<Face>>;
@@ -191,7 +199,13 @@ fn faces(plan: &Plan, set: Set, model: &Named) -> Result<Option<[Faces; 4]>> {
 impl Row {
     fn new(name: &str, paper: [f64; 3], faces: &[Faces; 4]) -> Self {
         let [gallery, probes @ ..] = faces;
-        let mut row = Self { name: name.into(), paper, cells: Vec::new(), takings: Vec::new() };
+        let mut row = Self {
+            name: name.into(),
+            paper,
+            cells: Vec::new(),
+            takings: Vec::new(),
+            trials: Default::default(),
+        };
         for score in Score::ALL {
             for (probes, &yaw) in probes.iter().zip(&YAWS[1..]) {
                 let (trials, takings) = trials(gallery, probes, score);
@@ -205,6 +219,9 @@ impl Row {
                 });
                 if score == Score::default() {
                     row.takings.push(takings);
+                }
+                if let Some(place) = COMPARED.iter().position(|compared| *compared == score) {
+                    row.trials[place].push(trials);
                 }
             }
         }
@@ -247,14 +264,21 @@ impl Order {
     fn of(models: &[Row], better: &str, worse: &str) -> Option<Self> {
         let find = |name| models.iter().find(|row| row.name == name);
         let (one, other) = (find(better)?, find(worse)?);
-        let angles = YAWS[1..].iter().zip(one.takings.iter().zip(&other.takings));
-        let angles = angles.map(|(&yaw, (one, other))| {
+        let gaps = |angle: usize| {
+            let gap = |(place, score): (usize, &Score)| {
+                let trials = [one, other].map(|row| &*row.trials[place][angle]);
+                Gap::between(trials).map(|gap| (*score, gap))
+            };
+            COMPARED.iter().enumerate().filter_map(gap).collect()
+        };
+        let angles = YAWS[1..].iter().zip(one.takings.iter().zip(&other.takings)).enumerate();
+        let angles = angles.map(|(angle, (&yaw, (one, other)))| {
             let right = |taking: &Taking| taking.person == taking.taken;
             let only = |one: &[Taking], other: &[Taking]| {
                 one.iter().zip(other).filter(|(a, b)| right(a) && !right(b)).count()
             };
             let only = [only(one, other), only(other, one)];
-            Angle { yaw, only, chance: by_chance(only) }
+            Angle { yaw, only, chance: by_chance(only), gaps: gaps(angle) }
         });
         Some(Self { better: better.into(), worse: worse.into(), angles: angles.collect() })
     }
