@@ -101,6 +101,10 @@ impl Mixture {
         let entry = |(model, weight): (&PathBuf, &f64)| {
             let path = whole(model)?;
             let near = path.strip_prefix(&directory).unwrap_or(&path).to_path_buf();
+            if near.to_str().is_none() {
+                let unwritten = "its name is not UTF-8, which a mixture is; rename it";
+                return Err(Error::file(model, unwritten));
+            }
             Ok(Entry { model: near, weight: *weight })
         };
         let component = models.iter().zip(weights).map(entry).collect::<Result<_>>()?;
@@ -194,6 +198,17 @@ mod tests {
         // This file, by another way.
         let error = names(&["Cargo.toml", "src/../Cargo.toml"].map(Path::new)).unwrap_err();
         assert!(error.to_string().contains("is named twice"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_name_that_is_no_text_is_told() {
+        use std::os::unix::ffi::OsStrExt;
+        let place = tempfile::tempdir().unwrap();
+        let model = place.path().join(std::ffi::OsStr::from_bytes(b"m\xff.3dmm"));
+        std::fs::write(&model, "").unwrap();
+        let error = Mixture::text(&[model], &[1.0], &place.path().join("mix.toml")).unwrap_err();
+        assert!(error.to_string().ends_with("rename it"), "{error}");
     }
 
     #[test]

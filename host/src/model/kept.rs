@@ -82,7 +82,7 @@ mod tests {
         for other in [
             identity(&kernel, &vertices[..8], rank),
             identity(&kernel, &vertices, Truncation::Rank(6)),
-            identity(&Preset::named("standard-xyz").unwrap().shape(None), &vertices, rank),
+            identity(&Preset::named("standard-full").unwrap().albedo(None), &vertices, rank),
         ] {
             assert!(other != of && read(&path, other, 9).is_none());
         }
