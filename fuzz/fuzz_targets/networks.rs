@@ -3,7 +3,8 @@
 use libfuzzer_sys::fuzz_target;
 use onescan::face_mesh::Detector;
 
-const DETECTOR: &[u8] = include_bytes!("../../fixtures/face_mesh/face_detection_short_range.tflite");
+const DETECTOR: &[u8] =
+    include_bytes!("../../fixtures/face_mesh/face_detection_short_range.tflite");
 const MESH: &[u8] = include_bytes!("../../fixtures/face_mesh/face_landmark.tflite");
 
 fuzz_target!(|data: &[u8]| {
