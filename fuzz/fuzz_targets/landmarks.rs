@@ -9,9 +9,13 @@ fuzz_target!(|data: &str| {
         landmarks::parse_points(&landmarks::to_json(&points)).expect("what is written can be read");
     }
     let points: Vec<_> = (0..50_u8).map(|i| [f32::from(i), 0.0, 1.0]).collect();
-    let Ok(landmarks) = landmarks::parse(data, &points, 1.0) else { return };
-    for (i, landmark) in landmarks.iter().enumerate() {
-        assert!((landmark.vertex as usize) < points.len());
-        assert!(landmarks[..i].iter().all(|other| other.name != landmark.name));
+    for name in ["a.json", "a.pp", "a.mrk.json", "a.fcsv"] {
+        let path = onescan_fuzz::file(name, data.as_bytes());
+        let _ = landmarks::read_points(&path);
+        let Ok(landmarks) = landmarks::read(&path, &points, 1.0) else { continue };
+        for (i, landmark) in landmarks.iter().enumerate() {
+            assert!((landmark.vertex as usize) < points.len());
+            assert!(landmarks[..i].iter().all(|other| other.name != landmark.name));
+        }
     }
 });

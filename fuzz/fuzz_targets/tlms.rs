@@ -5,7 +5,7 @@ use onescan::photo::Crop;
 use onescan::photo::tlms::Tlms;
 
 fuzz_target!(|data: &str| {
-    let _ = Tlms::parse_pts(data);
+    let _ = (Tlms::parse_pts(data), Tlms::parse_mesh(data, [500, 400]));
     let Ok(tlms) = Tlms::parse(data) else { return };
     assert_eq!(Tlms::parse(&tlms.to_text()).expect("what is written can be read"), tlms);
     let names: Vec<&str> = tlms.landmarks.iter().map(|l| l.id.as_str()).collect();

@@ -1,6 +1,9 @@
-//! Names of files; reading text; writing files whole or not at all.
+//! Names of files; reading text; what continues an interrupted command; writing files whole or not at all.
 
 use crate::error::{Error, Result};
+use onescan_core::hash::fnv64;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
@@ -90,6 +93,27 @@ pub fn read_text(path: &Path) -> Result<String> {
             .map(str::to_owned),
     };
     text.ok_or_else(|| Error::file(path, "not a text; give a file of text, saved as UTF-8"))
+}
+
+/// Bytes of what continues an interrupted command: their kind, FNV-1a 64 of the rest, postcard. Binary,
+/// because every bit of every number must come back.
+///
+/// # Errors
+/// None in practice; the encoder's are passed on.
+pub(crate) fn seal(kind: [u8; 8], value: &impl Serialize) -> Result<Vec<u8>> {
+    let mut bytes = postcard::to_extend(value, vec![0; 16]).map_err(Error::new)?;
+    let sum = fnv64(&bytes[16..]);
+    bytes[..8].copy_from_slice(&kind);
+    bytes[8..16].copy_from_slice(&sum.to_le_bytes());
+    Ok(bytes)
+}
+
+/// What [`seal`] has made of a value; `None` if it is of another kind or damaged.
+pub(crate) fn unseal<T: DeserializeOwned>(kind: [u8; 8], bytes: &[u8]) -> Option<T> {
+    let (own, rest) = bytes.split_first_chunk::<8>()?;
+    let (sum, body) = rest.split_first_chunk::<8>()?;
+    let whole = *own == kind && u64::from_le_bytes(*sum) == fnv64(body);
+    postcard::from_bytes(body).ok().filter(|_| whole)
 }
 
 /// Whether something is there that is neither file nor directory: a device or a pipe, to be written

@@ -689,6 +689,7 @@ fn mixtures_galleries_and_jobs_that_are_none() {
     let model = "[[component]]\nmodel = \"gone.3dmm\"\n";
     refuses(vec![
         mix("an empty mixture", "", "missing field `component`"),
+        mix("a weight beyond adding", &format!("{model}weight = 1e308\n"), "expected a number"),
         mix("a weight of nothing", &format!("{model}weight = -1\n"), "expected a number above 0"),
         mix("no TOML", "[[component]\n", "line 1"),
         mix("a mixture in a mixture", "[[component]]\nmodel = \"a.toml\"\n", "name its models"),
@@ -734,6 +735,12 @@ fn mixtures_galleries_and_jobs_that_are_none() {
              @photos/astronaut.tlms -o out",
             "is named twice",
         ),
+        (
+            "fit @golden/small.3dmm @photos/astronaut.png @photos/astronaut.png -o out",
+            "astronaut.png: is the same picture as",
+        ),
+        ("build @face/template.ply --subdivide 8 -o out.3dmm", "would be split into 1073086464"),
+        ("inspect @face/template.ply --edge 0.001", "less by --subdivide or --edge"),
     ] {
         let run = Onescan::new(place.path(), line).run();
         assert_eq!(run.code, Some(1), "{line}: {run:?}");

@@ -71,6 +71,15 @@ fn people_are_recognised_from_photos_and_from_fits() {
     let of = |text: &str| text.lines().find(|l| l.starts_with("23_15")).unwrap().to_owned();
     assert_eq!(of(&alone), of(&text));
 
+    // What a terminal would obey is shown, whatever files are called.
+    #[cfg(unix)]
+    {
+        fs::create_dir(at("named")).unwrap();
+        fs::copy(&fit, at("named/05\u{1b}[31m\u{7}.json")).unwrap();
+        let text = run("recognise named one/23_15 -o shown");
+        assert!(text.contains("05\\u{1b}[31m\\u{7} ") && !text.contains('\u{1b}'), "{text:?}");
+    }
+
     // Another model's do not.
     run("fit @golden/small.3dmm probes/23_15.jpg --landmarks probes/23_15.tlms -o other/23_15");
     let line = "recognise who/fits/gallery other -o never";

@@ -45,7 +45,11 @@ fn a_turned_scan_is_registered_where_it_lies() {
     }
 
     assert!(numbers["doubt"].is_null(), "{numbers}");
+    // What an older registration left there is not taken for this one's.
+    fs::create_dir(at("fish")).unwrap();
+    fs::write(at("fish/uncertainty.ply"), "old").unwrap();
     run("register face.3dmm @fish/template.ply -o fish");
+    assert!(!at("fish/uncertainty.ply").exists());
     let doubt = json(&at("fish/register.json"))["doubt"].to_string();
     assert!(doubt.contains("the model holds what was found for improbable"), "{doubt}");
 

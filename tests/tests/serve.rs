@@ -5,6 +5,7 @@ use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::process::Child;
+use std::time::{Duration, Instant};
 use tempfile::tempdir;
 
 /// A server, ended with the test.
@@ -57,6 +58,10 @@ fn the_page_is_served_to_this_computer_alone() {
         ("GET /", "Host: evil.example\r\n", "421"),
         ("GET /", "", "421"),
         ("POST /", &*own, "405"),
+        ("POST /", &format!("{own}Content-Length: 99999999999\r\n"), "405"),
+        ("GET /", &format!("{own}X: {}\r\n", "a".repeat(1 << 14)), "400"),
+        ("GET /", &format!("{own}{}", "A: b\r\n".repeat(100)), "400"),
+        ("\u{16}\u{3}", "", "400"),
         ("GET /../secret.txt", &own, "404"),
         ("GET /page/%2e%2e/%2e%2e/secret.txt", &own, "404"),
         ("GET /nothing", &own, "404"),
@@ -64,6 +69,19 @@ fn the_page_is_served_to_this_computer_alone() {
         let (head, _) = ask(port, request, headers);
         assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{request}: {head}");
     }
+
+    // Who asks nothing, asks half or does not read keeps nobody waiting.
+    let idle: Vec<_> = (0..40)
+        .map(|i| {
+            let mut stream = TcpStream::connect(format!("127.0.0.1:{port}")).unwrap();
+            stream.write_all(&b"GET / HTTP/1.1\r\n"[..i % 17]).unwrap();
+            stream
+        })
+        .collect();
+    let start = Instant::now();
+    assert_eq!(ask(port, "GET /", &own).1, page.as_bytes());
+    assert!(start.elapsed() < Duration::from_secs(2));
+    drop(idle);
 
     let taken = Onescan::new(place.path(), &format!("serve --port {port} --page dist")).run();
     assert_eq!(taken.code, Some(1));

@@ -147,7 +147,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "fuzz",
         usage: "fuzz [SECONDS=60] [TARGET…]",
-        about: "runs the fuzz targets, each so long; needs nightly",
+        about: "runs the fuzz targets, each so long",
         run: fuzz::run,
     },
 ];

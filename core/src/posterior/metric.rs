@@ -18,6 +18,21 @@ impl<'m> Metric<'m> {
         Some(Self { n, factor: factor.get_mut(..n * stride(n))? })
     }
 
+    /// The factor's numbers, row by row, filled up to whole lanes.
+    pub(super) fn numbers(&self) -> &[f32] {
+        self.factor.as_flattened()
+    }
+
+    /// Takes the numbers of another; `false`, and nothing changes, if there are not as many.
+    pub(super) fn take(&mut self, numbers: &[f32]) -> bool {
+        let factor = self.factor.as_flattened_mut();
+        let alike = factor.len() == numbers.len();
+        if alike {
+            factor.copy_from_slice(numbers);
+        }
+        alike
+    }
+
     fn row(&self, i: usize) -> &[f32] {
         let stride = stride(self.n);
         let row = self.factor.get(i * stride..(i + 1) * stride).unwrap_or_default();

@@ -284,14 +284,16 @@ pub fn laplace<'w, const OTHERS: usize>(
     Ok(Laplace { deviations, ln_evidence: ln_mode - around.metric.ln_pivots() })
 }
 
-/// Where a chain stands after its warm-up: another that has had the same warm-up goes on from there with
-/// the same bits.
+/// Where a chain stands, and how far it turns at once. One around the same mode that goes on from there, in
+/// the same metric, does so with the same bits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
     position: Unknowns,
     force: Unknowns,
     energy: f64,
     rng: Rng,
+    ln_angle: [f64; 2],
+    adapted: u32,
     steps: u32,
     accepted: u32,
     fingerprint: Fnv64,
@@ -394,23 +396,33 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         outcome
     }
 
-    /// What it takes to go on from here.
-    pub fn standing(&self) -> Standing {
-        let State { position, force, energy } = self.walk.state.clone();
-        let Self { steps, accepted, fingerprint, .. } = *self;
-        Standing {
-            position,
-            force,
-            energy,
-            rng: self.walk.rng.clone(),
-            steps,
-            accepted,
-            fingerprint,
-        }
+    /// The numbers of its metric, which all chains around a mode have in common.
+    pub fn metric(&self) -> &[f32] {
+        self.walk.target.0.metric.numbers()
     }
 
-    /// Goes on from where another chain stood after the same warm-up; `false`, and nothing changes, if that
-    /// one had another number of unknowns.
+    /// What it takes, in its metric, to go on from here.
+    pub fn standing(&self) -> Standing {
+        let State { position, force, energy } = self.walk.state.clone();
+        let Walk { ref rng, ln_angle, adapted, .. } = self.walk;
+        let Self { steps, accepted, fingerprint, .. } = *self;
+        let rng = rng.clone();
+        Standing { position, force, energy, rng, ln_angle, adapted, steps, accepted, fingerprint }
+    }
+
+    /// Goes on in another's [`Sampler::metric`], from a standing in that, and forgets the places it met.
+    /// `false`, and nothing changes, if that is not of as many unknowns.
+    pub fn go_on_in(&mut self, metric: &[f32]) -> bool {
+        let Around { metric: own, noted, .. } = &mut self.walk.target.0;
+        let alike = own.take(metric);
+        if alike {
+            *noted = 0;
+        }
+        alike
+    }
+
+    /// Goes on from where another stood in the same metric; `false`, and nothing changes, if that has
+    /// not as many unknowns.
     pub fn go_on_from(&mut self, standing: &Standing) -> bool {
         let Standing { position, force, energy, rng, .. } = standing.clone();
         let n = self.unknowns();
@@ -419,6 +431,7 @@ impl<'a, 'w, const OTHERS: usize> Sampler<'a, 'w, OTHERS> {
         }
         self.walk.state = State { position, force, energy };
         self.walk.rng = rng;
+        (self.walk.ln_angle, self.walk.adapted) = (standing.ln_angle, standing.adapted);
         (self.steps, self.accepted) = (standing.steps, standing.accepted);
         self.fingerprint = standing.fingerprint;
         true

@@ -4,10 +4,11 @@ use super::scan::{Placed, Scan};
 use super::{file_name, model_file, write_model};
 use clap::Args;
 use onescan::error::{Error, Result};
+use onescan::files::is_stream;
 use onescan::interchange::Format;
 use onescan::mesh::Axis;
 use onescan::mesh::landmarks;
-use onescan::model::build::{BuildOptions, Method, build};
+use onescan::model::build::{BuildOptions, Method, build_kept, forget};
 use onescan::model::decompose::Truncation;
 use onescan::model::kernel::{Hyper, Kernels, PRESETS, Preset};
 use onescan::progress::Console;
@@ -19,6 +20,9 @@ use std::path::PathBuf;
 ///
 /// The mean of the model is the scan; its deviations are Gaussian processes over the scan's
 /// vertices, decomposed exactly into their leading components.
+///
+/// Of a large scan, what takes long is kept beside the model until that is there (face.3dmm.partial): the
+/// same command goes on from it if the first was stopped.
 #[derive(Args)]
 pub(super) struct Build {
     #[command(flatten)]
@@ -126,6 +130,13 @@ impl Build {
         }))
     }
 
+    /// Where the shape of a long build is kept until the model is there.
+    fn kept(&self) -> Option<PathBuf> {
+        let mut name = self.output.as_os_str().to_owned();
+        name.push(".partial");
+        (!is_stream(&self.output)).then(|| name.into())
+    }
+
     pub(super) fn run(self, console: Console) -> Result<()> {
         model_file(&self.output)?;
         let (mut placed, landmarks) = self.scan.read(console)?;
@@ -162,7 +173,9 @@ impl Build {
             millimetres,
         };
         let mut task = console.task("building", 1000);
-        let built = build(&scan, &landmarks, &options, &mut |done, what| task.report(done, what))
+        let kept = self.kept();
+        let progress = &mut |done, what: &str| task.report(done, what);
+        let built = build_kept(&scan, &landmarks, &options, kept.as_deref(), progress)
             .map_err(|e| Error::file(&self.scan.path, e))?;
         task.finish();
         console.say(&built.report);
@@ -175,6 +188,9 @@ impl Build {
                 model.uncertainties = landmarks::read_uncertainties(path)?;
             }
             write_model(console, &self.scan.path, &self.output, &model)?;
+        }
+        if let Some(path) = kept {
+            forget(&path);
         }
         if landmarks.is_empty() {
             console.say("no --landmarks: the model can be sampled and rendered, but not fitted");

@@ -3,14 +3,13 @@
 use super::{file_name, meshes, output_directory, read_model};
 use clap::Args;
 use onescan::error::{Error, Result};
-use onescan::files::write_atomically;
+use onescan::files::publish;
 use onescan::model::metrics::{Curve, Options, Point, TestSet, measure};
 use onescan::progress::Console;
 use onescan::report;
 use onescan::scan::rigid::Rigid;
 use onescan::scan::surface::Surface;
 use serde_json::json;
-use std::io::Write;
 use std::path::PathBuf;
 
 #[derive(Args)]
@@ -103,7 +102,6 @@ impl Evaluate {
             "models": curves,
         });
         let text = format!("{value:#}\n");
-        write_atomically(&self.output.join("metrics.json"), |out| out.write_all(text.as_bytes()))?;
         let note = format!(
             "Measured with {} meshes and {} random instances (seed {}). Bars are 95 % intervals of \
              the mean over meshes or instances.",
@@ -117,8 +115,8 @@ impl Evaluate {
             &[&note],
             &curves,
         )?;
-        let path = self.output.join("report.html");
-        write_atomically(&path, |out| out.write_all(page.as_bytes()))?;
+        let files = [("report.html", page), ("metrics.json", text)];
+        publish(&self.output, &files.map(|(name, text)| (name, text.into_bytes())), &[""; 0])?;
         for curve in &curves {
             let last = |points: &[Point]| {
                 points.last().map_or([f64::NAN; 2], |p| [p.generalization.mean, p.specificity.mean])
@@ -129,7 +127,7 @@ impl Evaluate {
                 curve.name, shape[0], albedo[0], shape[1], albedo[1]
             ));
         }
-        console.say(format_args!("open {}", path.display()));
+        console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
 }

@@ -220,6 +220,15 @@ impl Fit {
         let mixture = Mixture::open(&[&[self.model.clone()], &self.more[..]].concat())?;
         let photos =
             (0..self.images.len()).map(|i| self.read(i, console)).collect::<Result<Vec<_>>>()?;
+        for (i, (photo, _)) in photos.iter().enumerate() {
+            if let Some(other) = photos[..i].iter().position(|(other, _)| other == photo) {
+                let same = format_args!(
+                    "is the same picture as {}, and would count twice; leave it out",
+                    self.images[other].display()
+                );
+                return Err(Error::file(&self.images[i], same));
+            }
+        }
         let looks = |model: &Model<'_>| {
             let look = |(i, read)| self.look(model, i, read);
             photos.iter().enumerate().map(look).collect::<Result<Vec<_>>>()
@@ -299,12 +308,6 @@ impl Fit {
         let (photo, marked) = (read.0.clone(), &read.1);
         let path = self.landmarks.get(number).unwrap_or(&self.images[number]);
         let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
-        if names.is_empty() {
-            return Err(Error::file(
-                &self.model,
-                "has no landmarks, so nothing says where it is in a photo; build it with --landmarks",
-            ));
-        }
         let landmarks = marked.known(&names).map_err(|e| Error::file(path, e))?;
         landmarks.check(photo.width, photo.height, &names).map_err(|e| Error::file(path, e))?;
         let mask = self.mask.get(number).map(|path| read_mask(path, &photo)).transpose()?;

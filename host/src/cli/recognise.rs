@@ -4,15 +4,14 @@ use super::fit::{stop_on_signals, watch};
 use super::output_directory;
 use clap::Args;
 use onescan::error::{Error, Result};
-use onescan::files::write_atomically;
+use onescan::files::publish;
 use onescan::interchange::mixture::Mixture;
 use onescan::photo;
-use onescan::progress::Console;
+use onescan::progress::{Console, print};
 use onescan::recognition::fits::{Entry, Fits, Source};
 use onescan::recognition::output::{Candidate, Ranking, Recognition, Told};
 use onescan::recognition::scores::{Face, Score};
 use rayon::prelude::*;
-use std::io::Write;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
@@ -186,18 +185,16 @@ impl Recognise {
             known.fits.crop()?.cut(&photo::read(known.photo.as_ref()?).ok()?).ok()
         };
         let page = recognition.page(picture)?;
-        for (name, text) in [
-            ("ranks.json", recognition.to_json()?),
-            ("ranks.csv", recognition.to_csv()),
+        let files = [
             ("report.html", page),
-        ] {
-            write_atomically(&self.output.join(name), |out| out.write_all(text.as_bytes()))?;
-        }
-        // A reader that has seen enough is no fault.
-        let mut out = std::io::stdout().lock();
-        let _ = out.write_all(recognition.to_text().as_bytes());
+            ("ranks.csv", recognition.to_csv()),
+            ("ranks.json", recognition.to_json()?),
+        ];
+        let files = files.map(|(name, text)| (name, text.into_bytes()));
+        publish(&self.output, &files, &[""; 0])?;
+        print(recognition.to_text().trim_end())?;
         if let Some(told) = &recognition.told {
-            let _ = writeln!(out, "{}", told.line());
+            print(told.line())?;
         }
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())

@@ -7,14 +7,24 @@ use onescan::error::{Error, Result};
 use onescan::progress::print;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs;
-use std::io::Write as _;
-use std::net::Ipv4Addr;
+use std::io::{self, Read as _, Write as _};
+use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
-use tiny_http::{Header, Method, Request, Response, Server};
+use std::time::{Duration, Instant};
+use std::{fs, thread};
 
-/// Requests that are answered at a time, so that one who reads slowly does not keep the others waiting.
-const THREADS: usize = 8;
+/// Connections that are answered at a time, so that those who ask or read slowly do not keep the others
+/// waiting. Browsers open some in advance.
+const THREADS: usize = 64;
+/// How long a connection may take to ask, and to read each part of an answer.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How long after an answer is waited for the other side to have it, at most.
+const FAREWELL: Duration = Duration::from_secs(1);
+/// Most bytes of a request, and of its lines.
+const HEAD: usize = 1 << 14;
+const LINES: usize = 64;
+/// Bytes of an answer that are written at a time.
+const PART: usize = 1 << 16;
 /// Largest file of a page, bytes. Chosen, not measured.
 const MOST: u64 = 1 << 26;
 
@@ -40,18 +50,21 @@ impl Serve {
             Some(directory) => Site::read(directory)?,
             None => Site::own()?,
         };
-        let server = Server::http((Ipv4Addr::LOCALHOST, self.port)).map_err(|e| {
-            Error::new(format_args!("port {}: {e}; give another by --port", self.port))
-        })?;
-        let port = server.server_addr().to_ip().map_or(self.port, |address| address.port());
+        let fault = |e| Error::new(format_args!("port {}: {e}; give another by --port", self.port));
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, self.port)).map_err(fault)?;
+        let port = listener.local_addr().map_err(fault)?.port();
         print(format_args!("http://127.0.0.1:{port}"))?;
         let answer = || {
-            for request in server.incoming_requests() {
-                // Whoever asked may have gone; the next is answered all the same.
-                let _ = site.answer(request, port);
+            loop {
+                match listener.accept() {
+                    // Whoever asked may have gone; the next is answered all the same.
+                    Ok((stream, _)) => drop(site.talk(&stream, port)),
+                    // As many connections as there may be: some will end.
+                    Err(_) => thread::sleep(FAREWELL),
+                }
             }
         };
-        std::thread::scope(|scope| (0..THREADS).for_each(|_| drop(scope.spawn(answer))));
+        thread::scope(|scope| (0..THREADS).for_each(|_| drop(scope.spawn(answer))));
         Ok(())
     }
 }
@@ -142,61 +155,100 @@ impl Site {
         Self::new(files)
     }
 
-    /// Answers a request to this port. Other hosts' names are refused: a site whose name is made to lead
-    /// here (DNS rebinding) shall not be taken for this one.
-    fn answer(&self, request: Request, port: u16) -> std::io::Result<()> {
-        let asked = |name: &'static str| {
-            let header = request.headers().iter().find(|header| header.field.equiv(name));
-            header.map_or("", |header| header.value.as_str())
+    /// Answers one request of a connection to this port.
+    fn talk(&self, mut stream: &TcpStream, port: u16) -> io::Result<()> {
+        stream.set_write_timeout(Some(PATIENCE))?;
+        let head = ask(stream)?;
+        let (head, body) = self.answer(&head, port);
+        stream.write_all(head.as_bytes())?;
+        for part in body.chunks(PART) {
+            stream.write_all(part)?;
+        }
+        // What was sent and not read would have the answer thrown away.
+        stream.shutdown(Shutdown::Write)?;
+        stream.set_read_timeout(Some(FAREWELL))?;
+        io::copy(&mut stream.take(HEAD as u64), &mut io::sink())?;
+        Ok(())
+    }
+
+    /// The answer to a request at this port, head and body. Other hosts' names are refused: a site whose name is made to
+    /// lead here (DNS rebinding) shall not be taken for this one.
+    fn answer(&self, head: &[u8], port: u16) -> (String, &[u8]) {
+        let mut lines = [httparse::EMPTY_HEADER; LINES];
+        let mut request = httparse::Request::new(&mut lines);
+        if !request.parse(head).is_ok_and(|parsed| parsed.is_complete()) {
+            return text("not a request\n", "400 Bad Request");
+        }
+        let asked = |name: &str| {
+            let line = request.headers.iter().find(|line| line.name.eq_ignore_ascii_case(name));
+            line.and_then(|line| str::from_utf8(line.value).ok()).unwrap_or_default()
         };
         let host = asked("Host");
         if ![format!("127.0.0.1:{port}"), format!("localhost:{port}")].iter().any(|own| own == host)
         {
-            return request.respond(text("this is another host", 421));
+            return text("this is another host\n", "421 Misdirected Request");
         }
-        if !matches!(request.method(), Method::Get | Method::Head) {
-            return request.respond(text("only GET and HEAD", 405));
+        let method = request.method.unwrap_or_default();
+        if !matches!(method, "GET" | "HEAD") {
+            return text("only GET and HEAD\n", "405 Method Not Allowed");
         }
-        let path = request.url().split(['?', '#']).next().unwrap_or_default();
+        let path = request.path.unwrap_or_default().split(['?', '#']).next().unwrap_or_default();
         let path = match path.trim_start_matches('/') {
             "" => "index.html",
             path => path,
         };
         let Some(file) = self.0.get(path) else {
-            return request.respond(text("no such file", 404));
+            return text("no such file\n", "404 Not Found");
         };
-        let mut headers = vec![
-            ("Content-Type", kind(path)),
-            ("Cache-Control", "no-cache"),
-            ("ETag", &*file.tag),
-            ("Vary", "Accept-Encoding"),
-            // What scripts may do the page says itself; nothing may frame it.
-            ("Content-Security-Policy", "frame-ancestors 'none'"),
-            ("X-Content-Type-Options", "nosniff"),
-            ("Referrer-Policy", "no-referrer"),
-            ("Cross-Origin-Opener-Policy", "same-origin"),
-            ("Cross-Origin-Resource-Policy", "same-origin"),
-        ];
         let known = asked("If-None-Match").split(',').any(|tag| tag.trim() == file.tag);
         let packed = asked("Accept-Encoding").split([',', ';']).any(|way| way.trim() == "gzip");
-        let (status, bytes): (u16, &[u8]) = match &file.gzip {
-            _ if known => (304, &[]),
-            Some(gzip) if packed => {
-                headers.push(("Content-Encoding", "gzip"));
-                (200, gzip)
-            }
-            _ => (200, &file.bytes),
+        let (encoding, bytes): (_, &[u8]) = match &file.gzip {
+            Some(gzip) if packed => ("Content-Encoding: gzip\r\n", gzip),
+            _ => ("", &file.bytes),
         };
-        let headers = headers.into_iter();
-        let headers =
-            headers.filter_map(|(name, value)| Header::from_bytes(name, value).ok()).collect();
-        let length = Some(bytes.len());
-        request.respond(Response::new(status.into(), headers, bytes, length, None))
+        let status = if known { "304 Not Modified" } else { "200 OK" };
+        // What scripts may do the page says itself; nothing may frame it.
+        let more = format!(
+            "{encoding}Cache-Control: no-cache\r\nETag: {}\r\nVary: Accept-Encoding\r\n\
+             Content-Security-Policy: frame-ancestors 'none'\r\nX-Content-Type-Options: nosniff\r\n\
+             Referrer-Policy: no-referrer\r\nCross-Origin-Opener-Policy: same-origin\r\n\
+             Cross-Origin-Resource-Policy: same-origin\r\n",
+            file.tag
+        );
+        let head = heading(status, kind(path), bytes.len(), &more);
+        (head, if known || method == "HEAD" { &[] } else { bytes })
     }
 }
 
-fn text(said: &str, status: u16) -> Response<std::io::Cursor<Vec<u8>>> {
-    Response::from_string(format!("{said}\n")).with_status_code(status)
+/// What a connection asks: all until an empty line, or as much as came in time.
+fn ask(mut stream: &TcpStream) -> io::Result<Vec<u8>> {
+    let until = Instant::now() + PATIENCE;
+    let mut head = Vec::new();
+    let mut part = [0; 1024];
+    while head.len() < HEAD && !head.windows(4).any(|end| end == b"\r\n\r\n") {
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        stream.set_read_timeout(Some(left))?;
+        match stream.read(&mut part)? {
+            0 => break,
+            read => head.extend_from_slice(&part[..read]),
+        }
+    }
+    Ok(head)
+}
+
+/// An answer's head, with `more` lines.
+fn heading(status: &str, kind: &str, length: usize, more: &str) -> String {
+    format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\n\
+         Connection: close\r\n{more}\r\n"
+    )
+}
+
+fn text(said: &'static str, status: &str) -> (String, &'static [u8]) {
+    (heading(status, "text/plain; charset=utf-8", said.len(), ""), said.as_bytes())
 }
 
 /// The media type of a file of the page.

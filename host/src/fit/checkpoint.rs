@@ -4,7 +4,6 @@ use super::TracePoint;
 use crate::error::{Error, Result};
 use crate::files;
 use onescan_core::chain::{Checkpoint, Config};
-use onescan_core::hash::fnv64;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -71,22 +70,16 @@ impl Save {
     }
 }
 
-/// A file's bytes: its kind, FNV-1a 64 of the rest, postcard.
+/// A checkpoint's bytes.
 pub(crate) fn pack(magic: [u8; 8], save: &impl Serialize) -> Result<Vec<u8>> {
-    let body = postcard::to_stdvec(save).map_err(Error::new)?;
-    Ok([&magic[..], &fnv64(&body).to_le_bytes(), &body].concat())
+    files::seal(magic, save)
 }
 
 /// What [`pack`] has packed.
 pub(crate) fn unpack<T: DeserializeOwned>(kind: [u8; 8], bytes: &[u8]) -> Result<T> {
-    let damaged =
-        || Error::new("not a checkpoint of this version, or damaged; fit without --resume");
-    let (magic, rest) = bytes.split_first_chunk::<8>().ok_or_else(damaged)?;
-    let (sum, body) = rest.split_first_chunk::<8>().ok_or_else(damaged)?;
-    if *magic != kind || u64::from_le_bytes(*sum) != fnv64(body) {
-        return Err(damaged());
-    }
-    postcard::from_bytes(body).map_err(|_| damaged())
+    files::unseal(kind, bytes).ok_or_else(|| {
+        Error::new("not a checkpoint of this version, or damaged; fit without --resume")
+    })
 }
 
 /// A file, parsed; errors name it.

@@ -59,11 +59,11 @@ fn one() -> f64 {
 }
 
 impl Mixture {
-    /// Opens models and mixtures. Each file is as likely as any other, and a mixture's models share its weight
-    /// in the mixture's proportions. Without paths there are no components.
+    /// Opens models and mixtures, to be fitted to photos. Each file is as likely as any other, and a mixture's
+    /// models share its weight in the mixture's proportions. Without paths there are no components.
     ///
     /// # Errors
-    /// Files that cannot be read or are not models; a model that is given twice.
+    /// Files that cannot be read or are not models, models without landmarks, a model that is given twice.
     pub fn open(paths: &[PathBuf]) -> Result<Self> {
         let mut files: Vec<(PathBuf, f64)> = Vec::new();
         for path in paths {
@@ -76,7 +76,14 @@ impl Mixture {
         let sum: f64 = files.iter().map(|(_, weight)| weight).sum();
         let names = names(&files.iter().map(|(path, _)| &**path).collect::<Vec<_>>())?;
         let components = files.iter().zip(names).map(|((path, weight), name)| {
-            Ok(Component { name, model: open(path)?, weight: weight / sum })
+            let model = open(path)?;
+            if model.view().landmarks().next().is_none() {
+                return Err(Error::file(
+                    path,
+                    "has no landmarks, so nothing says where it is in a photo; build it with --landmarks",
+                ));
+            }
+            Ok(Component { name, model, weight: weight / sum })
         });
         Ok(Self { components: components.collect::<Result<_>>()? })
     }
@@ -94,6 +101,10 @@ impl Mixture {
         let entry = |(model, weight): (&PathBuf, &f64)| {
             let path = whole(model)?;
             let near = path.strip_prefix(&directory).unwrap_or(&path).to_path_buf();
+            if near.to_str().is_none() {
+                let unwritten = "its name is not UTF-8, which a mixture is; rename it";
+                return Err(Error::file(model, unwritten));
+            }
             Ok(Entry { model: near, weight: *weight })
         };
         let component = models.iter().zip(weights).map(entry).collect::<Result<_>>()?;
@@ -116,7 +127,8 @@ fn parse(text: &str) -> Result<Vec<(PathBuf, f64)>> {
     }
     for Entry { model, weight } in &file.component {
         let name = model.display();
-        if !(*weight > 0.0 && weight.is_finite()) {
+        // In f32, too, so that they can be added up.
+        if !(*weight as f32 > 0.0 && (*weight as f32).is_finite()) {
             return Err(Error::new(format_args!(
                 "weight {weight} of {name}: expected a number above 0"
             )));
@@ -133,8 +145,11 @@ fn parse(text: &str) -> Result<Vec<(PathBuf, f64)>> {
 fn names(paths: &[&Path]) -> Result<Vec<String>> {
     let short = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut all: Vec<String> = Vec::new();
+    // What is not there will be missed when it is read.
+    let places: Vec<_> =
+        paths.iter().map(|path| path.canonicalize().unwrap_or(path.to_path_buf())).collect();
     for (i, path) in paths.iter().enumerate() {
-        if paths[..i].contains(path) {
+        if places[..i].contains(&places[i]) {
             return Err(Error::file(path, "is named twice; give each model once, with its weight"));
         }
         let own = short(path);
@@ -164,6 +179,8 @@ mod tests {
             ("[[component]]\nmodel = \"a\"\nweigth = 1", "line 3: unknown field `weigth`"),
             ("[[component]]\nmodel = \"a\"\nweight = 0", "weight 0 of a: expected"),
             ("[[component]]\nmodel = \"a\"\nweight = nan", "weight NaN of a: expected"),
+            ("[[component]]\nmodel = \"a\"\nweight = 1e308", "expected a number"),
+            ("[[component]]\nmodel = \"a\"\nweight = 1e-308", "expected a number"),
             ("[[component]]\nmodel = \"a.toml\"", "a.toml is a mixture itself"),
             ("[[component]\n", "line 1: "),
         ] {
@@ -178,6 +195,20 @@ mod tests {
         assert_eq!(names(&[a, b, c]).unwrap(), ["x/m.3dmm", "y/m.3dmm", "n.3dmm"]);
         let error = names(&[a, c, a]).unwrap_err().to_string();
         assert!(error.starts_with("x/m.3dmm: is named twice"), "{error}");
+        // This file, by another way.
+        let error = names(&["Cargo.toml", "src/../Cargo.toml"].map(Path::new)).unwrap_err();
+        assert!(error.to_string().contains("is named twice"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_name_that_is_no_text_is_told() {
+        use std::os::unix::ffi::OsStrExt;
+        let place = tempfile::tempdir().unwrap();
+        let model = place.path().join(std::ffi::OsStr::from_bytes(b"m\xff.3dmm"));
+        std::fs::write(&model, "").unwrap();
+        let error = Mixture::text(&[model], &[1.0], &place.path().join("mix.toml")).unwrap_err();
+        assert!(error.to_string().ends_with("rename it"), "{error}");
     }
 
     #[test]

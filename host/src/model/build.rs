@@ -4,14 +4,17 @@ use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::landmarks::Landmark;
 use crate::model::decompose::{Decomposition, Progress, Truncation, decompose};
+use crate::model::kept;
+pub use crate::model::kept::forget;
 use crate::model::kernel::{Kernel, Kernels, Space, Vertex};
-use crate::model::layout::ModelParts;
+use crate::model::layout::{self, ModelParts};
 use crate::model::morphable::Morphable;
 use crate::model::nystrom;
 use crate::model::process::{Half, Process};
 use crate::model_file::OwnedModel;
 use onescan_core::rng::Rng;
 use std::fmt;
+use std::path::Path;
 use std::time::Instant;
 
 /// Seed of [`Method::Released`], the released program's.
@@ -143,6 +146,22 @@ pub fn build(
     options: &BuildOptions<'_>,
     progress: &mut Progress<'_>,
 ) -> Result<BuiltModel> {
+    build_kept(scan, landmarks, options, None, progress)
+}
+
+/// [`build`], which keeps the shape in a file if that took long, and takes it from there if it is of the
+/// same vertices, kernel and settings: one that was stopped later goes on from there, with the same bits.
+/// Who has written the model removes the file by [`forget`].
+///
+/// # Errors
+/// Those of [`build`].
+pub fn build_kept(
+    scan: &Mesh,
+    landmarks: &[Landmark],
+    options: &BuildOptions<'_>,
+    kept: Option<&Path>,
+    progress: &mut Progress<'_>,
+) -> Result<BuiltModel> {
     let points: Vec<[f32; 3]> =
         scan.points.iter().map(|p| p.map(|c| c * options.millimetres)).collect();
     if !(options.millimetres > 0.0 && points.as_flattened().iter().all(|c| c.is_finite())) {
@@ -154,15 +173,24 @@ pub fn build(
     let vertices = Vertex::all(&points, &scan.colors);
     let Kernels { shape, albedo, .. } = &options.kernels;
     check_size(&points, &[shape, albedo])?;
+    let rank = match options.method {
+        // There are no more than three to a vertex.
+        Method::Exact(Truncation::Rank(rank)) => rank.min(3 * points.len()),
+        _ => 0,
+    };
+    layout::check_size(points.len(), scan.triangles.len(), rank)?;
     let (shape, albedo) = match options.method {
         Method::Exact(truncation) => {
-            let mut half = |name: &str, kernel: &Kernel, mean: &[[f32; 3]], from: f64| {
-                exact(kernel, &vertices, mean, truncation, &mut |done, what| {
+            let mut half = |name: &str, kernel: &Kernel, mean: &[[f32; 3]], from: f64, kept| {
+                exact((kernel, mean), &vertices, truncation, kept, &mut |done, what| {
                     progress(from + 0.5 * done, &format!("{name} {what}"));
                 })
                 .map_err(|e| Error::new(format_args!("{name}: {e}")))
             };
-            (half("shape", shape, &points, 0.0)?, half("albedo", albedo, &scan.colors, 0.5)?)
+            (
+                half("shape", shape, &points, 0.0, kept)?,
+                half("albedo", albedo, &scan.colors, 0.5, None)?,
+            )
         }
         Method::Released => {
             let mut rng = Rng::new(SEED, 0);
@@ -199,14 +227,20 @@ pub fn build(
 }
 
 fn exact(
-    kernel: &Kernel,
+    (kernel, mean): (&Kernel, &[[f32; 3]]),
     vertices: &[Vertex],
-    mean: &[[f32; 3]],
     truncation: Truncation,
+    kept: Option<&Path>,
     progress: &mut Progress<'_>,
 ) -> Result<(Computed, HalfReport)> {
     let start = Instant::now();
-    let deviation = decompose(kernel, vertices, truncation, progress)?;
+    let kept = kept.map(|path| (path, kept::identity(kernel, vertices, truncation)));
+    let known = kept.and_then(|(path, of)| kept::read(path, of, vertices.len()));
+    let deviation = known.map_or_else(|| decompose(kernel, vertices, truncation, progress), Ok)?;
+    if let Some((path, of)) = kept.filter(|_| start.elapsed() > kept::WORTH) {
+        // A model that cannot be gone on with is worth more than none.
+        let _ = kept::write(path, of, &deviation);
+    }
     let report = HalfReport {
         kernel: kernel.to_string(),
         rank: deviation.rank(),

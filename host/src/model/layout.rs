@@ -74,13 +74,8 @@ impl ModelParts<'_> {
     /// # Errors
     /// When a basis exceeds the 4 GiB a section may have, and of too many triangles.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        if self.triangles.len() > MAX_TRIANGLES {
-            return Err(Error::new(format_args!(
-                "{} triangles are more than the {MAX_TRIANGLES} a model holds; simplify the mesh",
-                self.triangles.len()
-            )));
-        }
         let vertices = self.shape.mean.len();
+        check_size(vertices, self.triangles.len(), 0)?;
         let small = vertices <= 1 << 16;
         let triangles = self.triangles.as_flattened();
         let corners: Vec<u8> = if small {
@@ -111,12 +106,7 @@ impl ModelParts<'_> {
         let sections = always.into_iter().chain(self.occlusion.map(<[u8]>::to_vec));
         for (i, section) in sections.enumerate() {
             bytes.resize(bytes.len().next_multiple_of(SECTION_ALIGN), 0);
-            let length = u32::try_from(section.len()).map_err(|_| {
-                Error::new(format_args!(
-                    "a basis of {} bytes is more than a model file holds; ask for a lower rank",
-                    section.len()
-                ))
-            })?;
+            let length = u32::try_from(section.len()).map_err(|_| too_large(section.len()))?;
             let (entry, start) = (TABLE_AT + 8 * i, (bytes.len() / SECTION_ALIGN) as u32);
             put(&mut bytes, entry, &start.to_le_bytes());
             put(&mut bytes, entry + 4, &length.to_le_bytes());
@@ -216,4 +206,25 @@ fn little_endian<T: bytemuck::NoUninit>(values: &[T]) -> Vec<u8> {
 
 fn put(bytes: &mut [u8], offset: usize, value: &[u8]) {
     bytes[offset..offset + value.len()].copy_from_slice(value);
+}
+
+/// What is known of [`ModelParts::to_bytes`] before there is a basis.
+///
+/// # Errors
+/// When a basis would exceed the 4 GiB a section may have, and of too many triangles.
+pub(super) fn check_size(vertices: usize, triangles: usize, rank: usize) -> Result<()> {
+    if triangles > MAX_TRIANGLES {
+        return Err(Error::new(format_args!(
+            "{triangles} triangles are more than the {MAX_TRIANGLES} a model holds; simplify the mesh"
+        )));
+    }
+    let basis = vertices.saturating_mul(rank).saturating_mul(3 * size_of::<i16>());
+    if u32::try_from(basis).is_err() { Err(too_large(basis)) } else { Ok(()) }
+}
+
+fn too_large(basis: usize) -> Error {
+    Error::new(format_args!(
+        "a basis of {basis} bytes is more than a model file holds; ask for a lower rank, or give a \
+         coarser mesh"
+    ))
 }

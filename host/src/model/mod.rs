@@ -3,6 +3,7 @@
 pub mod build;
 pub mod decompose;
 pub mod export;
+mod kept;
 pub mod kernel;
 pub mod layout;
 pub mod metrics;

@@ -141,7 +141,7 @@ fn sample_around(
     problem: Problem<'_>,
     options: Options<'_>,
     request: &Request,
-    (shelf, control): (Shelf<'_>, &Control<'_>),
+    (mut shelf, control): (Shelf<'_>, &Control<'_>),
 ) -> Result<Option<Samples>> {
     let memories = |words: usize| vec![vec![0; words]; request.chains as usize];
     let mut firsts = memories(search::words(&problem, &options));
@@ -156,7 +156,10 @@ fn sample_around(
         Sampler::new(search, &part, PLACES, request.seed, number, memory).map_err(Error::new)
     });
     let mut chains = chains.collect::<Result<Vec<_>>>()?;
-    if !warm_up(&mut chains, problem.engine, control) {
+    if !shelf.save.warm_up.go_on(&mut chains) {
+        return Err(Error::new(OF_ANOTHER));
+    }
+    if !warm_up(&mut chains, problem.engine, &mut shelf, control) {
         return Ok(None);
     }
     for (chain, save) in chains.iter_mut().zip(&shelf.save.chains) {
@@ -207,58 +210,87 @@ fn draw(chain: &Sampler<'_, '_, OTHERS>, jobs: &[Job<'_>]) -> Draw {
     Draw { subject: chain.subject(), views, ln_density }
 }
 
-/// Has chains learn from each other where to go, and how far at once; `false` if that was stopped.
-fn warm_up(chains: &mut [Sampler<'_, '_, OTHERS>], engine: &Engine, control: &Control<'_>) -> bool {
-    let stopped = || control.stop.load(Ordering::Relaxed);
-    let go = |chains: &mut [Sampler<'_, '_, OTHERS>], steps: u32| {
-        chains.par_iter_mut().for_each(|chain| {
-            for _ in 0..steps {
-                if stopped() {
-                    return;
-                }
-                chain.warm_up();
-                control.steps.fetch_add(1, Ordering::Relaxed);
-            }
-        });
-        !stopped()
-    };
+/// Has chains learn from each other where to go, and how far at once; `false` if that was stopped. What has
+/// come of it is kept after every round.
+fn warm_up(
+    chains: &mut [Sampler<'_, '_, OTHERS>],
+    engine: &Engine,
+    shelf: &mut Shelf<'_>,
+    control: &Control<'_>,
+) -> bool {
     let n = chains.first().map_or(0, Sampler::unknowns);
-    let mut places: Vec<f32> = Vec::new();
     let mut memory = vec![0.0; posterior::improve_words(n)];
-    for steps in ROUNDS {
-        if !go(chains, steps) {
+    let rounds = ROUNDS.into_iter().chain([TURNING]);
+    for (round, steps) in (0..).zip(rounds) {
+        if round < shelf.save.warm_up.rounds {
+            control.steps.fetch_add(u64::from(steps) * chains.len() as u64, Ordering::Relaxed);
+            continue;
+        }
+        let places = &mut shelf.save.warm_up.places;
+        let last = round as usize == ROUNDS.len();
+        if last {
+            widen(chains, places, engine, &mut memory);
+        }
+        if !go(chains, steps, control) {
             return false;
         }
-        for chain in &mut *chains {
-            places.extend(chain.places());
-        }
-        // Where nothing is learnt the metric is good enough.
-        if let Some(change) = posterior::improve(n, &mut places, engine, &mut memory) {
+        if last {
+            places.clear();
+            let angle = chains.iter().map(Sampler::angle).sum::<f64>() / chains.len() as f64;
             for chain in &mut *chains {
-                chain.adopt(&change);
+                chain.turn_by(angle);
+            }
+        } else {
+            for chain in &mut *chains {
+                places.extend(chain.places());
+            }
+            // Where nothing is learnt the metric is good enough.
+            if let Some(change) = posterior::improve(n, places, engine, &mut memory) {
+                for chain in &mut *chains {
+                    chain.adopt(&change);
+                }
             }
         }
+        shelf.save.warm_up.keep(chains);
+        let _ = (shelf.keep)(&shelf.save);
     }
-    // One after the other, each in the coordinates that the one before led to.
+    true
+}
+
+/// Has all chains make so many steps of the warm-up; `false` if that was stopped.
+fn go(chains: &mut [Sampler<'_, '_, OTHERS>], steps: u32, control: &Control<'_>) -> bool {
+    let stopped = || control.stop.load(Ordering::Relaxed);
+    chains.par_iter_mut().for_each(|chain| {
+        for _ in 0..steps {
+            if stopped() {
+                return;
+            }
+            chain.warm_up();
+            control.steps.fetch_add(1, Ordering::Relaxed);
+        }
+    });
+    !stopped()
+}
+
+/// Has chains learn how wide it is along turns of the head: one after the other, each in the coordinates
+/// that the one before led to.
+fn widen(
+    chains: &mut [Sampler<'_, '_, OTHERS>],
+    places: &mut [f32],
+    engine: &Engine,
+    memory: &mut [f32],
+) {
     let turns = chains.first().map_or(0, |chain| chain.turns().count());
     for number in 0..turns {
         let direction = chains.first().and_then(|chain| chain.turns().nth(number));
-        let change = direction
-            .and_then(|direction| posterior::widen(&direction, &mut places, engine, &mut memory));
+        let change =
+            direction.and_then(|direction| posterior::widen(&direction, places, engine, memory));
         if let Some(change) = change {
             for chain in &mut *chains {
                 chain.adopt(&change);
             }
         }
     }
-    if !go(chains, TURNING) {
-        return false;
-    }
-    let angle = chains.iter().map(Sampler::angle).sum::<f64>() / chains.len() as f64;
-    for chain in chains {
-        chain.turn_by(angle);
-    }
-    true
 }
 
 /// The search at its end: it is made again, since its memory goes to what samples around it.

@@ -1,5 +1,5 @@
-//! What continues an interrupted sampling with the same bits: after the search and the warm-up, which
-//! are made again, every chain goes on from where it stood.
+//! What continues an interrupted sampling with the same bits: after the search, which is made again, the
+//! warm-up goes on after the last round that was done, and then every chain from where it stood.
 
 use super::{Draw, Request};
 use crate::error::Result;
@@ -11,21 +11,57 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// First bytes of a file, version included.
-const MAGIC: [u8; 8] = *b"1scanps1";
+const MAGIC: [u8; 8] = *b"1scanps2";
 
 /// An interrupted sampling.
 #[derive(Serialize, Deserialize)]
 pub struct Save {
     /// Of every photo, and the kept states that each chain was asked for.
     identity: (Vec<Identity>, u32),
+    pub(super) warm_up: WarmUp,
     /// Its chains, in order.
     pub(super) chains: Vec<ChainSave>,
+}
+
+/// What a warm-up has come to after a round of it.
+#[derive(Default, Serialize, Deserialize)]
+pub(super) struct WarmUp {
+    /// Rounds that are done; none if there is nothing yet.
+    pub(super) rounds: u32,
+    /// What all chains together have noted in the metric, as long as that is still learnt.
+    pub(super) places: Vec<f32>,
+    /// Of all chains.
+    metric: Vec<f32>,
+    /// Where they stand.
+    chains: Vec<Standing>,
+}
+
+impl WarmUp {
+    /// Notes where all chains stand after a round.
+    pub(super) fn keep<const OTHERS: usize>(&mut self, chains: &[Sampler<'_, '_, OTHERS>]) {
+        self.rounds += 1;
+        self.metric = chains.first().map_or(Vec::new(), |chain| chain.metric().to_vec());
+        self.chains = chains.iter().map(Sampler::standing).collect();
+    }
+
+    /// Has chains go on from there; `false` if they cannot.
+    pub(super) fn go_on<const OTHERS: usize>(
+        &self,
+        chains: &mut [Sampler<'_, '_, OTHERS>],
+    ) -> bool {
+        let n = chains.first().map_or(1, Sampler::unknowns);
+        let whole =
+            self.chains.len() == chains.len() && self.places.len().is_multiple_of(2 * n.max(1));
+        let mut all = chains.iter_mut().zip(&self.chains);
+        self.rounds == 0
+            || (whole && all.all(|(c, at)| c.go_on_in(&self.metric) && c.go_on_from(at)))
+    }
 }
 
 /// A chain.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(super) struct ChainSave {
-    /// Where it stands; not before its first step.
+    /// Where it stands; not before its first step after the warm-up.
     standing: Option<Standing>,
     kept: Vec<Kept>,
 }
@@ -41,7 +77,7 @@ impl Save {
     /// Of chains that have not begun.
     pub(super) fn new(jobs: &[Job<'_>], request: &Request) -> Self {
         let chains = vec![ChainSave::default(); request.chains as usize];
-        Self { identity: identity(jobs, request), chains }
+        Self { identity: identity(jobs, request), warm_up: WarmUp::default(), chains }
     }
 
     /// Whether it is of these jobs, by what it says.

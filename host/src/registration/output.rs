@@ -2,7 +2,7 @@
 
 use super::{Distances, Registered};
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
+use crate::files::publish;
 use crate::mesh::ply::{self, Encoding};
 use crate::mesh::{Mesh, glb};
 use crate::model::layout;
@@ -14,7 +14,6 @@ use crate::vector::{length, minus};
 use onescan_core::light::ambient_white;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
 
 /// The distance that is white in distances.ply, mm.
@@ -41,8 +40,8 @@ pub struct Names {
     pub command: String,
 }
 
-/// Writes registered.ply and .glb, aligned.ply, distances.ply, report.html and, last, register.json;
-/// `landmarks` are names, places on the scan and vertices of the model.
+/// Writes registered.ply and .glb, aligned.ply, distances.ply, report.html, uncertainty.ply if it was asked
+/// for, and register.json, all or none; `landmarks` are names, places on the scan and vertices of the model.
 ///
 /// # Errors
 /// A directory that cannot be written.
@@ -65,15 +64,13 @@ pub fn write(
         ("distances.ply", bytes(&distances(result))?),
         ("report.html", page(result, &value, names)?.into_bytes()),
     ];
-    if let Some(mesh) = uncertainty(result) {
-        files.push(("uncertainty.ply", bytes(&mesh)?));
+    let mut gone = Vec::new();
+    match uncertainty(result) {
+        Some(mesh) => files.push(("uncertainty.ply", bytes(&mesh)?)),
+        None => gone.push("uncertainty.ply"),
     }
-    // Last: where it is, all is.
     files.push(("register.json", format!("{value:#}\n").into_bytes()));
-    for (name, bytes) in files {
-        write_atomically(&directory.join(name), |out| out.write_all(&bytes))?;
-    }
-    Ok(())
+    publish(directory, &files, &gone)
 }
 
 /// The registered mesh, coloured by the distance to the scan: black is none, then violet, red, orange

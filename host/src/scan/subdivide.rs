@@ -5,10 +5,9 @@
 
 use super::doctor::surface::distance;
 use crate::error::{Error, Result};
+use crate::vector::{length, normal};
+use onescan_core::model::MAX_TRIANGLES;
 use std::collections::HashMap;
-
-/// Most triangles that are made. Chosen, not measured.
-const MAX_TRIANGLES: usize = 40_000_000;
 
 /// Which edges are split.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,6 +16,33 @@ pub enum Subdivision {
     Times(u32),
     /// Those longer than this, in the points' unit, until there are none.
     Edge(f64),
+}
+
+impl Subdivision {
+    /// No more triangles than it makes of these, to be known before they are made.
+    fn least(self, points: &[[f64; 3]], triangles: &[[u32; 3]]) -> f64 {
+        let most = match self {
+            Self::Times(times) => return triangles.len() as f64 * 4_f64.powf(times.into()),
+            Self::Edge(most) => most,
+        };
+        // None has more area than if its edges are all as long as they may be, and none has more of an
+        // old edge than that.
+        let area = 0.25 * 3_f64.sqrt() * most * most;
+        let parts = triangles.iter().map(|&[a, b, c]| {
+            let longest = [(a, b), (b, c), (c, a)].map(|(a, b)| distance(points, a, b));
+            let longest = longest.into_iter().fold(0.0, f64::max);
+            let own = 0.5 * length(normal([a, b, c].map(|v| points[v as usize])));
+            (own / area).max(longest / most).max(1.0)
+        });
+        parts.sum()
+    }
+}
+
+fn too_many(least: f64) -> Error {
+    Error::new(format_args!(
+        "would be split into {least:.0} triangles or more, of which a model holds {MAX_TRIANGLES}; split \
+         less by --subdivide or --edge"
+    ))
 }
 
 /// What triangles become.
@@ -61,9 +87,13 @@ impl Finer {
     /// Splits triangles of these points.
     ///
     /// # Errors
-    /// More than 40 million triangles that would be made.
+    /// More triangles than a model holds.
     pub fn of(points: &[[f64; 3]], triangles: &[[u32; 3]], how: Subdivision) -> Result<Self> {
         const WHOLE: [[f32; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let least = how.least(points, triangles);
+        if least > MAX_TRIANGLES as f64 {
+            return Err(too_many(least));
+        }
         let mut points = points.to_vec();
         let mut middles = Vec::new();
         let whole = |(&corners, of)| Piece { corners, of, weights: WHOLE };
@@ -73,9 +103,7 @@ impl Finer {
             let mut next = Vec::new();
             for piece in &pieces {
                 if next.len() > MAX_TRIANGLES {
-                    return Err(Error::new(format_args!(
-                        "more than {MAX_TRIANGLES} triangles; split less by --subdivide or --edge"
-                    )));
+                    return Err(too_many(next.len() as f64));
                 }
                 let middle = |k: usize| {
                     let ((a, u), (b, v)) = (piece.node(k), piece.node(k + 1));
@@ -208,7 +236,18 @@ mod tests {
     }
 
     #[test]
-    fn too_fine_is_refused() {
-        assert!(Finer::of(&SQUARE, &HALVES, Subdivision::Edge(1e-6)).is_err());
+    fn too_fine_is_refused_before_it_is_tried() {
+        // 24 square millimetres, by triangles of sides of a micrometre; and 2·4⁸; a line that is one edge.
+        let line = [[0, 2, 2]];
+        for (triangles, how, least) in [
+            (&HALVES[..], Subdivision::Edge(1e-3), "55425626"),
+            (&HALVES, Subdivision::Times(12), "33554432"),
+            (&line, Subdivision::Edge(1e-7), "85440037"),
+        ] {
+            let start = std::time::Instant::now();
+            let error = Finer::of(&SQUARE, triangles, how).err().unwrap().to_string();
+            assert!(error.contains(&format!("into {least} triangles")), "{error}");
+            assert!(start.elapsed().as_millis() < 100, "{how:?} was tried");
+        }
     }
 }

@@ -8,10 +8,9 @@ use onescan::error::{Error, Result};
 use onescan::experiment::recognition::models::Named;
 use onescan::experiment::recognition::results::Results;
 use onescan::experiment::recognition::{Job, Plan, pictures};
-use onescan::progress::Console;
+use onescan::progress::{Console, print};
 use rayon::ThreadPoolBuilder;
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::PathBuf;
 
 /// People told apart by fits: the gallery at 0°, probes at 15, 30 and 45°.
@@ -134,13 +133,9 @@ impl Recognition {
         add("rank", &plan.rank.to_string());
         add("seed", &plan.seed.to_string());
         add("threads", &self.threads.unwrap_or(1).to_string());
-        let mut out = std::io::stdout().lock();
         for job in plan.jobs() {
             if plan.read(&job)?.is_none() {
-                // A reader that has seen enough is no fault.
-                if writeln!(out, "{line} --job {job}").is_err() {
-                    break;
-                }
+                print(format_args!("{line} --job {job}"))?;
             }
         }
         Ok(())

@@ -25,6 +25,7 @@ use faer::{Mat, MatRef};
 use krylov::Krylov;
 use operator::KEPT_BYTES;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use structure::{Structure, Use};
 
 /// Largest residual `‖K u − λ u‖ / λ` of any pair returned. Chosen; docs/decomposition.md has
@@ -56,6 +57,7 @@ pub enum Truncation {
 ///
 /// Guarantees: variances positive; columns orthonormal in `R^{3V}`, each with its entry of
 /// largest magnitude positive; residuals at most [`MAX_RESIDUAL`].
+#[derive(Serialize, Deserialize)]
 pub struct Decomposition {
     /// Eigenvalues λ of the 3V × 3V covariance.
     pub variances: Vec<f64>,
@@ -69,6 +71,7 @@ pub struct Decomposition {
 }
 
 /// An eigenvector as the product (colour or coordinate direction) ⊗ (scalar eigenvector).
+#[derive(Serialize, Deserialize)]
 struct Column {
     direction: [f64; 3],
     vector: usize,
@@ -78,6 +81,13 @@ impl Decomposition {
     /// Number of components kept.
     pub fn rank(&self) -> usize {
         self.variances.len()
+    }
+
+    /// Whether it is one over so many vertices, as far as its shape tells.
+    pub(super) fn is_over(&self, vertices: usize) -> bool {
+        self.columns.len() == self.variances.len()
+            && self.columns.iter().all(|column| column.vector < self.vectors.len())
+            && self.vectors.iter().all(|vector| vector.len() == vertices)
     }
 
     /// Fraction of the total variance the kept components hold.
@@ -145,7 +155,8 @@ struct Candidate {
 ///
 /// # Errors
 /// When the 3×3 matrices of the kernel share no eigenvectors, or when the variance asked for
-/// needs more than [`MAX_COMPONENTS`] components (the message says how much those hold at most).
+/// needs more than [`MAX_COMPONENTS`] components (the message says how much those hold at most); what
+/// needs more memory than there is.
 pub fn decompose(
     kernel: &Kernel,
     vertices: &[Vertex],
@@ -174,6 +185,9 @@ fn decompose_within(
             columns: Vec::new(),
             vectors: Vec::new(),
         });
+    }
+    if let Truncation::Rank(rank) = truncation {
+        check_memory(rank, vertices.len())?;
     }
     let structure = Structure::new(kernel, vertices, kept_bytes)?;
     let operator = &structure.operator;
@@ -216,6 +230,23 @@ fn decompose_within(
     };
 
     Ok(finish(&structure, &problems, &kept, total))
+}
+
+/// Bytes that a component takes for each vertex, as measured on large meshes (docs/decomposition.md):
+/// a share of the Krylov spaces, and itself.
+const BYTES: usize = 80;
+
+/// Fails if so many components of so many vertices are more than this machine has memory for.
+fn check_memory(rank: usize, vertices: usize) -> Result<()> {
+    let bytes = rank.min(3 * vertices).saturating_mul(vertices).saturating_mul(BYTES);
+    // Asked for and given back: what was never touched costs nothing, and what cannot be there is refused.
+    Vec::<u8>::new().try_reserve_exact(bytes).map_err(|_| {
+        Error::new(format_args!(
+            "{rank} components of {vertices} vertices need some {} GB of memory, which are not there; \
+             ask for fewer, or give a coarser mesh",
+            bytes / 1_000_000_000
+        ))
+    })
 }
 
 /// Fails as soon as the leading variances show that `limit` components cannot hold `fraction` of
@@ -368,6 +399,17 @@ mod tests {
     use super::*;
     use crate::mesh::Axis;
     use crate::model::kernel::Preset;
+
+    #[test]
+    fn what_no_machine_holds_is_refused_before_it_is_tried() {
+        check_memory(199, 100_000).unwrap();
+        check_memory(usize::MAX, 1).unwrap();
+        let error = check_memory(2000, 1 << 40).unwrap_err().to_string();
+        assert!(
+            error.starts_with("2000 components of 1099511627776 vertices need some"),
+            "{error}"
+        );
+    }
 
     #[test]
     fn large_meshes_decompose_like_small_ones() {
