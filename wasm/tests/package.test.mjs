@@ -29,12 +29,12 @@ test('the example of the README runs', { timeout: 120_000 }, async () => {
   copyFileSync(modelFile, join(place, 'face.3dmm'));
   copyFileSync(join(PHOTOS, 'astronaut.png'), join(place, 'photo.png'));
   const printed = execFileSync('node', ['example.mjs'], { cwd: place, encoding: 'utf8' });
-  const { fingerprint, command } = JSON.parse(readFileSync(join(place, 'fit.json'), 'utf8'));
+  const { fingerprint, command } = JSON.parse(readFileSync(join(place, 'fit/fit.json'), 'utf8'));
   assert.equal(printed.trim().split('\n').at(-1), fingerprint);
   assert.equal(fingerprint, native(modelFile, 'astronaut.png', [], true).fingerprint);
   assert.match(command, /^onescan fit face.3dmm photo.png --landmarks photo.tlms /);
   for (const name of ['mesh.glb', 'mesh.ply', 'overlay.png', 'behind.png', 'mask.png', 'report.html', 'fit.rps', 'photo.tlms']) {
-    assert.ok(existsSync(join(place, name)), name);
+    assert.ok(existsSync(join(place, 'fit', name)), name);
   }
 });
 
