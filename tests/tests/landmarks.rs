@@ -78,3 +78,18 @@ fn what_has_no_face_is_refused() {
     refused("landmarks @fish/template.ply -o x.json", "no face found from any side");
     assert!(!place.path().join("x.tlms").exists() && !place.path().join("x.json").exists());
 }
+
+#[test]
+fn landmarks_marked_by_hand_are_not_replaced_unasked() {
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    fs::copy(fixtures().join("photos/astronaut.png"), at("me.png")).unwrap();
+    fs::write(at("me.tlms"), "by hand").unwrap();
+    let line = |line: &str| Onescan::new(place.path(), line);
+    let refused = line("landmarks me.png").run();
+    assert_eq!(refused.code, Some(1));
+    assert!(refused.stderr.contains("me.tlms: is there already"), "{}", refused.stderr);
+    assert_eq!(fs::read_to_string(at("me.tlms")).unwrap(), "by hand");
+    line("landmarks me.png -o me.tlms").succeed();
+    assert!(fs::read_to_string(at("me.tlms")).unwrap().contains("center.nose.tip"));
+}

@@ -52,6 +52,12 @@ impl Landmarks {
         let is_photo = has_extension(&self.input, &["png", "jpg", "jpeg"]);
         let extension = if is_photo { "tlms" } else { "json" };
         let beside = self.input.with_extension(extension);
+        if self.output.is_none() && beside.exists() {
+            return Err(Error::file(
+                &beside,
+                "is there already, perhaps marked by hand; give another name, or this, by -o",
+            ));
+        }
         let output = self.output.clone().unwrap_or(beside);
         if output == self.input {
             return Err(Error::file(&output, "is the input; give another name by -o"));
