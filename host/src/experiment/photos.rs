@@ -7,9 +7,9 @@ use crate::face_mesh::Marked;
 use crate::fit::Fit;
 use crate::fit::output::{behind, mask};
 use crate::model::decompose::Progress;
+use crate::photo::Crop;
 use crate::photo::caption::captioned;
 use crate::photo::picture::{Picture, WHITE, contact_sheet};
-use crate::photo::{self, Crop};
 use crate::recognition::fits;
 use crate::render;
 use crate::report;
@@ -38,14 +38,9 @@ impl Subject {
     /// # Errors
     /// Files that cannot be read, a photo without a face.
     pub fn read(photo: &Path, landmarks: Option<&Path>) -> Result<Self> {
-        let picture = photo::read(photo)?;
-        let landmarks = match Marked::read(landmarks, &picture, 1) {
-            // What is wrong with a file names it.
-            Err(e) if landmarks.is_none() => return Err(Error::file(photo, e)),
-            marked => marked?,
-        };
         let name = photo.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, photo: picture, landmarks })
+        let (photo, landmarks) = Marked::with_photo(photo, landmarks)?;
+        Ok(Self { name, photo, landmarks })
     }
 }
 

@@ -188,6 +188,20 @@ impl Marked {
         Ok(Self { landmarks: face.landmarks(), found: true, note, some: true })
     }
 
+    /// Reads a photo, and its landmarks or those of its largest face.
+    ///
+    /// # Errors
+    /// A photo that cannot be read or shows no face, and those of [`Marked::read`]; all name the file.
+    pub fn with_photo(path: &Path, landmarks: Option<&Path>) -> Result<(Picture, Self)> {
+        let picture = crate::photo::read(path)?;
+        let marked = match Self::read(landmarks, &picture, 1) {
+            // What is wrong with a file of landmarks names it.
+            Err(e) if landmarks.is_none() => return Err(Error::file(path, e)),
+            marked => marked?,
+        };
+        Ok((picture, marked))
+    }
+
     /// The landmarks that a model with landmarks of these names can use.
     ///
     /// # Errors

@@ -17,9 +17,9 @@ use crate::fit::output::{Names, PhotoNames, summarize};
 use crate::fit::summary::{Summaries, Summary, hex};
 use crate::fit::{Control, Fit, Job, Schedule, find_mode};
 use crate::interchange::mixture::Mixture;
+use crate::photo::Crop;
 use crate::photo::picture::Picture;
 use crate::photo::tlms::Tlms;
-use crate::photo::{self, Crop};
 use onescan_core::model::Model;
 use std::fs::metadata;
 use std::io::Write as _;
@@ -181,13 +181,8 @@ impl Fits {
         };
         let photos =
             vec![PhotoNames { image: name(photo), landmarks: landmarks.map(name), mask: None }];
-        let picture = photo::read(photo)?;
+        let (picture, marked) = Marked::with_photo(photo, landmarks)?;
         let fault = |e: Error| Error::file(landmarks.unwrap_or(photo), e);
-        let marked = match Marked::read(landmarks, &picture, 1) {
-            // What is wrong with a file names it.
-            Err(e) if landmarks.is_none() => return Err(fault(e)),
-            marked => marked?,
-        };
         let (mut all, mut crop) = (Vec::new(), None);
         for component in &mixture.components {
             let model = component.model.view();
