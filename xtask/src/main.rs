@@ -9,6 +9,8 @@ mod device;
 mod fuzz;
 mod golden;
 mod hdf5;
+#[cfg(test)]
+mod links;
 mod no_std;
 mod notices;
 mod package;
