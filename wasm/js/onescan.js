@@ -38,6 +38,9 @@ export class Onescan {
    * @param {Uint8Array} bytes
    */
   model(bytes) {
+    if (!(bytes instanceof Uint8Array)) {
+      throw new TypeError(`model() takes the bytes of a .3dmm file as a Uint8Array, not ${called(bytes)}`);
+    }
     return new Model(bytes);
   }
 
@@ -51,6 +54,9 @@ export class Onescan {
       const { width, height, rgb } = await decode(source);
       return Photo.fromRgb(width, height, rgb);
     }
+    if (!source?.data) {
+      throw new TypeError(`photo() takes the bytes of a PNG or JPEG as a Uint8Array, or an ImageData, not ${called(source)}`);
+    }
     return Photo.fromRgba(source.width, source.height, Uint8Array.from(source.data));
   }
 
@@ -59,8 +65,13 @@ export class Onescan {
    * @param {{ model: Model } & Shown & Settings} job
    */
   fit({ model, photo, landmarks, ...settings }) {
+    const all = [photo].flat();
+    if (!(model instanceof Model)) throw new TypeError(`fit() needs a model of model(), not ${called(model)}`);
+    const other = all.findIndex((one) => !(one instanceof Photo));
+    if (other >= 0) throw new TypeError(`fit() needs a photo of photo(), not ${called(all[other])}`);
+    if (!landmarks) throw new TypeError('fit() needs landmarks: mark them, or take those of a face of detector()');
     // A search takes what it is given.
-    const photos = [photo].flat().map((one) => one.clone());
+    const photos = all.map((one) => one.clone());
     const marked = /** @type {Landmarks[]} */ (Array.isArray(photo) ? [landmarks].flat() : [landmarks]);
     return new Fit(new Search(model, photos, marked.map(tlms), JSON.stringify(settings)), photos.length);
   }
@@ -85,6 +96,13 @@ export class Onescan {
   }
 }
 
+/** What a wrong argument is, in words. @param {unknown} value */
+function called(value) {
+  if (value instanceof Promise) return 'a promise: await it';
+  if (typeof value === 'string') return 'a string: read the file of that name first';
+  return value === null || value === undefined ? 'nothing' : `a value of type ${value.constructor?.name ?? typeof value}`;
+}
+
 /** @returns {Level[]} */
 function levels() {
   const numbers = [...Search.levels()];
@@ -104,7 +122,8 @@ function tlms(landmarks) {
 
 /** A fit. Its photos count from 0. Fires `progress` after every call of `step()`. */
 export class Fit extends EventTarget {
-  #search;
+  /** None once it was finished or freed. @type {Search | undefined} */
+  #kept;
   #seconds = 0;
   /** @type {'idle' | 'running' | 'paused' | 'cancelled'} */
   #state = 'idle';
@@ -112,8 +131,13 @@ export class Fit extends EventTarget {
   /** @param {Search} search @param {number} photos Their number. */
   constructor(search, photos) {
     super();
-    this.#search = search;
+    this.#kept = search;
     this.photos = photos;
+  }
+
+  get #search() {
+    if (!this.#kept) throw new Error('this fit is finished, and its memory given back; prepare another by fit()');
+    return this.#kept;
   }
 
   /**
@@ -232,11 +256,14 @@ export class Fit extends EventTarget {
   finish({ model = 'model.3dmm', photo } = {}) {
     const numbered = Array.from({ length: this.photos }, (_, i) => `photo-${i + 1}.png`);
     const names = photo ?? (this.photos > 1 ? numbered : 'photo.png');
-    return this.#search.finish(this.#seconds, model, [names].flat());
+    const search = this.#search;
+    this.#kept = undefined;
+    return search.finish(this.#seconds, model, [names].flat());
   }
 
   free() {
-    this.#search.free();
+    this.#kept?.free();
+    this.#kept = undefined;
   }
 }
 

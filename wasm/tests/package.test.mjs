@@ -380,7 +380,21 @@ test('what is wrong is said', async () => {
     [() => onescan.fit({ model: good, photo: [portrait, photo], landmarks: [marked, 'nose 1 2'] }), /photo 2: line 1/],
     [() => onescan.fit({ model: good, photo: portrait, landmarks: marked }).finish({ photo: ['a', 'b'] }), /a name for each photo/],
   ];
+  cases.push(
+    [() => onescan.model('face.3dmm'), /as a Uint8Array, not a string: read the file/],
+    [() => onescan.fit({ photo, landmarks }), /needs a model of model\(\), not nothing/],
+    [() => onescan.fit({ model: good, photo: onescan.photo(photo), landmarks }), /not a promise: await it/],
+    [() => onescan.fit({ model: good, photo }), /needs landmarks/],
+    [() => onescan.fit({ model: good, landmarks }), /needs a photo of photo\(\), not nothing/],
+  );
+  const ended = onescan.fit({ model: good, photo: portrait, landmarks: marked });
+  ended.finish();
+  for (const late of [() => ended.finish(), () => ended.step(), () => ended.overlay(), () => ended.progress]) {
+    cases.push([late, /this fit is finished/]);
+  }
+  ended.free();
   for (const [wrong, message] of cases) assert.throws(wrong, message);
+  await assert.rejects(onescan.photo('photo.png'), /not a string: read the file/);
   await assert.rejects(onescan.photo(new Uint8Array(9)), /PNG or JPEG/);
   await assert.rejects(onescan.photo({ width: 2, height: 2, data: [1] }), /2×2/);
 });
