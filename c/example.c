@@ -119,6 +119,11 @@ int main(int argc, char **argv)
 
     FILE *file = open(argv[1]);
     model_bytes = fread(model, 1, sizeof model, file);
+    if (fgetc(file) != EOF) {
+        fprintf(stderr, "%s: more than %d bytes; raise MODEL_BYTES, or make it smaller by onescan export\n",
+                argv[1], MODEL_BYTES);
+        return 1;
+    }
     fclose(file);
     check(onescan_model_info((const uint8_t *)model, model_bytes, &info), argv[1]);
 
