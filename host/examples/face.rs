@@ -1,40 +1,51 @@
-//! Builds a model of the built-in scan, draws a random face from it, fits it to a photo and writes both
-//! faces as GLB:
+//! Builds a model of a scan, draws a random face from it, fits it to a photo and writes both faces as GLB; of
+//! the built-in scan and photo, or of yours:
 //!
 //!     cargo run --release -p onescan --example face -- out
+//!     cargo run --release -p onescan --example face -- out SCAN.ply SCAN.json PHOTO.jpg
 
 use onescan::demo;
 use onescan::error::{Error, Result};
+use onescan::face_mesh::Marked;
 use onescan::files::write_atomically;
-use onescan::fit::{Control, Job, Schedule, find_mode};
-use onescan::mesh::{Axis, Mesh, glb};
+use onescan::fit::{Control, Job, find_mode};
+use onescan::mesh::{Axis, Mesh, glb, landmarks};
 use onescan::model::build::{BuildOptions, Method, build};
 use onescan::model::decompose::Truncation;
 use onescan::model::kernel::Kernels;
-use onescan::photo::Crop;
 use onescan::render;
+use onescan::scan::mesh_file;
 use onescan_core::rng::Rng;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU64};
 
 fn main() -> Result<()> {
-    let folder = std::env::args().nth(1).ok_or_else(|| Error::new("which folder to write to?"))?;
-    let folder = PathBuf::from(folder);
-    std::fs::create_dir_all(&folder).map_err(|e| Error::file(&folder, e))?;
+    let given: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
+    let (folder, (mesh, marks, millimetres), photo) = match &given[..] {
+        [folder] => {
+            let (mesh, marks) = demo::template()?;
+            (folder, (mesh, marks, 1.0), None)
+        }
+        [folder, scan, marks, photo] => {
+            // Its colours are those of vertices or of a texture; the default options take it as it stands.
+            let scan = mesh_file::read(scan, &mesh_file::Options::default())?;
+            let marks = landmarks::read(marks, &scan.mesh.points, scan.millimetres)?;
+            (folder, (scan.mesh, marks, scan.millimetres), Some(photo))
+        }
+        _ => return Err(Error::new("give a folder to write to, or FOLDER SCAN LANDMARKS PHOTO")),
+    };
+    std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
     let write = |name: &str, mesh: &Mesh| {
         let bytes = glb::encode(mesh, name)?;
         write_atomically(&folder.join(name), |out| std::io::Write::write_all(out, &bytes))
     };
 
-    // `mesh::ply::read` and `mesh::landmarks` read yours.
-    let (scan, landmarks) = demo::template()?;
     let options = BuildOptions {
-        scan_name: "template.ply",
+        scan_name: "the scan",
         kernels: Kernels::named("symmetric-full", Some(Axis::X))?,
         method: Method::Exact(Truncation::Rank(60)),
-        millimetres: 1.0,
+        millimetres,
     };
-    let built = build(&scan, &landmarks, &options, &mut |_, _| ())?;
+    let built = build(&mesh, &marks, &options, &mut |_, _| ())?;
     println!("{}", built.report);
     let model = built.model.view();
 
@@ -43,23 +54,17 @@ fn main() -> Result<()> {
     let (shape, albedo) = (random(model.shape.rank()), random(model.albedo.rank()));
     write("random.glb", &render::instance(&model, &shape, &albedo))?;
 
-    let [subject, ..] = &demo::subjects(7)?[..] else { return Err(Error::new("no photo")) };
-    let (photo, landmarks) = (&subject.photo, &subject.landmarks);
-    let size = [photo.width, photo.height];
-    let side = Crop::LONGER_SIDE;
-    let job = Job {
-        model: &model,
-        photo,
-        landmarks,
-        crop: Crop::around(&landmarks.visible_points(), size, Crop::ENLARGE, side)?,
-        mask: None,
-        schedule: Schedule::Mode,
-        config: Schedule::Mode.config(&model, side),
-        seed: 1,
-        chains: 1,
+    // Landmarks that are found have the names of the built-in scan's.
+    let (photo, landmarks) = if let Some(path) = photo {
+        let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
+        let (photo, marked) = Marked::with_photo(path, None)?;
+        (photo, marked.known(&names)?)
+    } else {
+        let subject = demo::subjects(7)?.swap_remove(0);
+        (subject.photo, subject.landmarks)
     };
-    let control = Control { stop: &AtomicBool::new(false), steps: &AtomicU64::new(0) };
-    for fit in find_mode(&[job], &control)?.into_iter().flatten() {
+    let job = Job::new(&model, &photo, &landmarks)?;
+    for fit in find_mode(&[job], &Control::default())?.into_iter().flatten() {
         let face = fit.best.scene.subject;
         write("fitted.glb", &render::instance(&model, &face.shape, &face.albedo))?;
         println!("fitted in {} steps, fingerprint {:016x}", fit.steps, fit.fingerprint);

@@ -21,6 +21,62 @@ pub fn has_extension(path: &Path, among: &[&str]) -> bool {
         .any(|e| name.strip_suffix(e).is_some_and(|rest| rest.len() > 1 && rest.ends_with('.')))
 }
 
+/// What a file can be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A model.
+    Model,
+    /// A mesh.
+    Scan,
+    /// A photo.
+    Photo,
+    /// Landmarks on a mesh.
+    ScanLandmarks,
+    /// Landmarks in a photo.
+    PhotoLandmarks,
+}
+
+impl FileKind {
+    const ALL: [Self; 5] =
+        [Self::Model, Self::Scan, Self::Photo, Self::ScanLandmarks, Self::PhotoLandmarks];
+
+    /// What it is called, and the extensions it has.
+    fn known(self) -> (&'static str, &'static [&'static str]) {
+        match self {
+            Self::Model => ("a model", &["3dmm", "h5", "h5.json", "hdf5", "mat"]),
+            Self::Scan => ("a scan", &["ply", "obj", "glb", "gltf", "stl", "off"]),
+            Self::Photo => ("a photo", &["png", "jpg", "jpeg"]),
+            Self::ScanLandmarks => ("landmarks on a scan", &["json", "pp", "mrk.json", "fcsv"]),
+            Self::PhotoLandmarks => ("landmarks in a photo", &["tlms", "pts", "json"]),
+        }
+    }
+
+    /// The kind that a file's name tells. `.json` alone tells none.
+    fn of(path: &Path) -> Option<Self> {
+        let tells = |e: &&str| *e != "json" && has_extension(path, &[e]);
+        Self::ALL.into_iter().find(|kind| kind.known().1.iter().any(&tells))
+    }
+
+    /// What to say of a file of this kind that stands where another belongs.
+    pub fn in_place_of(self, other: Self) -> String {
+        let ((found, _), (wanted, extensions)) = (self.known(), other.known());
+        let known = extensions.join(", .");
+        format!("is {found}, in the place of {wanted} (.{known}); --help shows the order")
+    }
+
+    /// Says that a file is of another kind, if its name tells so, as names of files do that were given in the
+    /// wrong order.
+    pub fn misplaced(self, path: &Path) -> Option<Error> {
+        let found = Self::of(path).filter(|found| *found != self && path.is_file())?;
+        Some(Error::file(path, found.in_place_of(self)))
+    }
+
+    /// What to say of a file that could not be read as this kind: that it is another, or else `fault`.
+    pub fn or_misplaced(self, path: &Path, fault: impl std::fmt::Display) -> Error {
+        self.misplaced(path).unwrap_or_else(|| Error::file(path, fault))
+    }
+}
+
 /// The files among `places`, and of each directory among them the files with one of the extensions, in the
 /// order of their names.
 ///
@@ -252,18 +308,30 @@ pub fn write_atomically(
 
 /// Writes the files of one result into a directory, all of them or none. By the last file others know that a
 /// result is there. Before the first file gets its name, an older result's last file is removed, and what is to
-/// be `gone` of that result.
+/// be `gone` of that result. What the result was made of, `inputs`, is neither replaced nor removed.
 ///
 /// # Errors
-/// As [`write_atomically`]. The older result is then still whole, unless a finished file could not get its
-/// name.
+/// As [`write_atomically`], and a file that would replace an input. The older result is then still whole,
+/// unless a finished file could not get its name.
 #[cfg(feature = "full")]
 pub fn publish(
     directory: &Path,
     files: &[(impl AsRef<Path>, Vec<u8>)],
     gone: &[impl AsRef<Path>],
+    inputs: &[&Path],
 ) -> Result<()> {
+    let inputs: Vec<_> = inputs.iter().filter_map(|path| path.canonicalize().ok()).collect();
+    let is_input = |path: &Path| path.canonicalize().is_ok_and(|path| inputs.contains(&path));
     let mut prepared = Vec::new();
+    for (name, _) in files {
+        let path = directory.join(name);
+        if is_input(&path) {
+            return Err(Error::file(
+                &path,
+                "is read by this command and would be replaced by it; rename it, or give another -o",
+            ));
+        }
+    }
     for (name, bytes) in files {
         let path = directory.join(name);
         let file = Prepared::new(&path, |out| out.write_all(bytes));
@@ -272,6 +340,9 @@ pub fn publish(
     let last = files.last().map(|(name, _)| name.as_ref());
     for name in last.into_iter().chain(gone.iter().map(AsRef::as_ref)) {
         let path = directory.join(name);
+        if is_input(&path) {
+            continue;
+        }
         match std::fs::remove_file(&path) {
             Err(e) if e.kind() != ErrorKind::NotFound => return Err(Error::file(&path, e)),
             _ => {}
@@ -357,14 +428,21 @@ mod tests {
             names
         };
         let files = |text: &str| [("a", text.into()), ("last", text.into())];
-        publish(directory.path(), &files("old"), &["b"]).unwrap();
+        publish(directory.path(), &files("old"), &["b"], &[]).unwrap();
         std::fs::write(at("b"), "stale").unwrap();
         // The second cannot be written, so the first is not published.
         let broken = [("a", b"new".to_vec()), ("none/last", b"new".to_vec())];
-        assert!(publish(directory.path(), &broken, &["b"]).is_err());
+        assert!(publish(directory.path(), &broken, &["b"], &[]).is_err());
         assert_eq!(std::fs::read(at("a")).unwrap(), b"old");
         assert_eq!(names(), ["a", "b", "last"]);
-        publish(directory.path(), &files("new"), &["b"]).unwrap();
+        // An input is neither removed nor replaced, by whatever name it was given.
+        let input = directory.path().join("./b");
+        publish(directory.path(), &files("mid"), &["b"], &[&input]).unwrap();
+        assert_eq!(names(), ["a", "b", "last"]);
+        let refused = publish(directory.path(), &files("new"), &["b"], &[&at("a")]).unwrap_err();
+        assert!(refused.to_string().contains("would be replaced"), "{refused}");
+        assert_eq!(std::fs::read(at("a")).unwrap(), b"mid");
+        publish(directory.path(), &files("new"), &["b"], &[]).unwrap();
         assert_eq!(std::fs::read(at("a")).unwrap(), b"new");
         assert_eq!(names(), ["a", "last"]);
     }

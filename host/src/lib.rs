@@ -8,11 +8,12 @@
 //! | task | item |
 //! |---|---|
 //! | read a scan | [`scan::mesh_file::read`] |
+//! | read its landmarks | [`mesh::landmarks::read`] |
 //! | build a model of it | [`model::build::build`], with [`Kernels`](model::kernel::Kernels) |
 //! | read and write models, also other programs' | [`model_file::OwnedModel`], [`interchange::read`], [`interchange::write`] |
 //! | draw random faces | [`render::random_coefficients`], [`render::instance`] |
-//! | find the landmarks of a photo | [`face_mesh::Detector`] |
-//! | fit a model to a photo | [`fit::Job`], [`fit::find_mode`] |
+//! | read a photo, and its landmarks or those found | [`face_mesh::Marked::with_photo`] |
+//! | fit a model to a photo | [`fit::Job::new`], [`fit::find_mode`] |
 //! | say how well the fit is known | [`posterior::sample`] |
 //! | write a fit's meshes, pictures and report | [`fit::output::finish`], [`fit::output::write`] |
 //! | draw a model or a fit | [`render::portrait`], [`render::smooth_on`] |
@@ -44,11 +45,9 @@
 //!
 //! # Build, draw, fit
 //! ```
-//! use onescan::fit::{Control, Job, Schedule, find_mode};
-//! use onescan::photo::Crop;
+//! use onescan::fit::{Control, Job, find_mode};
 //! use onescan::{demo, render};
 //! use onescan_core::rng::Rng;
-//! use std::sync::atomic::{AtomicBool, AtomicU64};
 //!
 //! // Of the built-in scan, with ten components; `model::build::build` takes any.
 //! let built = demo::template_model(10, &mut |_, _| ())?;
@@ -59,21 +58,8 @@
 //! assert_eq!(face.points.len(), model.vertices());
 //!
 //! let [subject, ..] = &demo::subjects(7)?[..] else { panic!("there are three") };
-//! let (photo, landmarks) = (&subject.photo, &subject.landmarks);
-//! let size = [photo.width, photo.height];
-//! let job = Job {
-//!     model: &model,
-//!     photo,
-//!     landmarks,
-//!     crop: Crop::around(&landmarks.visible_points(), size, Crop::ENLARGE, 96)?,
-//!     mask: None,
-//!     schedule: Schedule::Mode,
-//!     config: Schedule::Mode.config(&model, 96),
-//!     seed: 1,
-//!     chains: 1,
-//! };
-//! let control = Control { stop: &AtomicBool::new(false), steps: &AtomicU64::new(0) };
-//! let fits = find_mode(&[job], &control)?.expect("nobody stops it");
+//! let job = Job::new(&model, &subject.photo, &subject.landmarks)?;
+//! let fits = find_mode(&[job], &Control::default())?.expect("nobody stops it");
 //! assert!(fits[0].best_quality.landmark_rmse < 10.0, "pixels");
 //! # Ok::<(), onescan::error::Error>(())
 //! ```

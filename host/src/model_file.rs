@@ -3,9 +3,9 @@
 //! The layout is documented with its reader, [`onescan_core::model`].
 
 use crate::error::{Error, Result};
-use crate::files;
 #[cfg(feature = "full")]
 use crate::files::write_atomically;
+use crate::files::{self, FileKind};
 use onescan_core::model::Model;
 #[cfg(feature = "full")]
 use std::io::Write;
@@ -37,7 +37,7 @@ impl OwnedModel {
     /// When the file cannot be read or is not a model; they name the file.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
-        Self::from_bytes(&bytes).map_err(|e| Error::file(path, e))
+        Self::from_bytes(&bytes).map_err(|e| FileKind::Model.or_misplaced(path, e))
     }
 
     /// Writes the model file, whole or not at all.

@@ -6,7 +6,6 @@ use onescan::photo::tlms::Tlms;
 use onescan::photo::{self, Crop};
 use onescan_core::model::Model;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64};
 
 /// A photo, and the landmarks of the `.tlms` file beside it.
 ///
@@ -43,7 +42,5 @@ pub fn fit(model: &Model<'_>, photos: &[(Picture, Tlms)]) -> Vec<Fit> {
         chains: 1,
     });
     let jobs: Vec<_> = jobs.collect();
-    let (stop, steps) = (AtomicBool::new(false), AtomicU64::new(0));
-    let control = Control { stop: &stop, steps: &steps };
-    find_mode(&jobs, &control).expect("a fit").expect("nobody stopped it")
+    find_mode(&jobs, &Control::default()).expect("a fit").expect("nobody stopped it")
 }

@@ -92,7 +92,7 @@ fn tetrahedron(change: impl Fn(String) -> String) -> Vec<u8> {
         "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
          property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n\
          element face 4\nproperty list uchar int vertex_indices\nend_header\n\
-         0 0 0 200 150 120\n10 0 0 200 150 120\n0 10 0 200 150 120\n0 0 10 200 150 120\n\
+         0 0 0 200 150 120\n100 0 0 200 150 120\n0 100 0 200 150 120\n0 0 100 200 150 120\n\
          3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
             .into(),
     )
@@ -121,12 +121,12 @@ fn scans() {
         Case { bytes: None, ..case("missing", "bad.ply", "", BUILD, "No such file") },
         case("no bytes", "bad.ply", "", BUILD, "not a PLY file"),
         case("another format", "bad.ply", "solid cube\n", BUILD, "not a PLY file"),
-        bad("NaN vertex", "10 0 0", "nan 0 0", "line 14"),
-        bad("infinite vertex", "10 0 0", "0 inf 0", "line 14"),
+        bad("NaN vertex", "100 0 0", "nan 0 0", "line 14"),
+        bad("infinite vertex", "100 0 0", "0 inf 0", "line 14"),
         bad("index out of range", "3 1 2 3", "3 1 2 4", "face 3: vertex index 4 is out of range"),
         bad("negative index", "3 1 2 3", "3 1 2 -1", "vertex index -1 is out of range"),
         bad("no colours", "property uchar red", "property uchar rod", "has no vertex colours"),
-        bad("text for a number", "0 10 0", "0 ten 0", "damaged"),
+        bad("text for a number", "0 100 0", "0 ten 0", "damaged"),
         bad("a promise too many", "element vertex 4", "element vertex 400000000", "cannot fit"),
         bad("two corners", "3 1 2 3", "2 1 2", "face 3: 2 corners"),
         bad("cut short", "3 0 3 2\n3 1 2 3\n", "", "bad.ply"),
@@ -165,7 +165,7 @@ fn meshes_of_other_programs() {
     const GLTF: &str = "build bad.gltf --colour 200,150,120 --rank 4 -o out.3dmm";
     const GLB: &str = "build bad.glb --colour 200,150,120 --rank 4 -o out.3dmm";
     const STL: &str = "build bad.stl --colour #c09678 --rank 4 -o out.3dmm";
-    let tetrahedron = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";
+    let tetrahedron = "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";
     let obj = |what: &str, more: &str, says| {
         case(what, "bad.obj", format!("{tetrahedron}{more}\n"), OBJ, says)
     };
@@ -218,6 +218,81 @@ fn meshes_of_other_programs() {
         case("no colour", "bad.stl", "solid a\n", "inspect bad.stl", "an STL file has no colours"),
         case("named", "bad.fbx", "Kaydara", "inspect bad.fbx", "FBX, which is not read"),
         case("unknown", "bad.xyz", "1 2 3", "inspect bad.xyz", "not a mesh this program reads"),
+    ]);
+}
+
+#[test]
+fn a_unit_that_can_be_none_of_a_face_is_asked_for() {
+    let build = |scale: &str| {
+        let scan = tetrahedron(|text| text.replace("100", scale));
+        case(format!("{scale} long"), "bad.ply", scan, "build bad.ply --rank 4 -o out.3dmm", "")
+    };
+    refuses(vec![
+        Case { says: "add --unit m, or if it is that small, --unit 1", ..build("0.1") },
+        Case { says: "add --unit cm, ", ..build("10") },
+    ]);
+    let place = tempdir().unwrap();
+    fs::write(place.path().join("scan.ply"), tetrahedron(|text| text.replace("100", "10")))
+        .unwrap();
+    Onescan::new(place.path(), "build scan.ply --rank 4 --unit mm -o out.3dmm").succeed();
+}
+
+#[test]
+fn files_in_the_place_of_others() {
+    const MARKED_ON_A_SCAN: &str =
+        "fit @golden/small.3dmm @photos/astronaut.png --landmarks bad.json -o out";
+    const NO_LANDMARKS: &str =
+        "fit @golden/small.3dmm @photos/astronaut.png --landmarks bad.ply -o out";
+    let (model, photo) = (fixture("golden/small.3dmm"), fixture("photos/astronaut.png"));
+    let (scan, marks) = (fixture("face/template.ply"), fixture("photos/astronaut.tlms"));
+    let places = fixture("face/landmarks.json");
+    let misplaced = |file, bytes: &[u8], line, says| case("misplaced", file, bytes, line, says);
+    refuses(vec![
+        misplaced(
+            "a.png",
+            &photo,
+            "fit a.png @golden/small.3dmm -o out",
+            "a photo, in the place of a model",
+        ),
+        misplaced(
+            "a.ply",
+            &scan,
+            "fit @golden/small.3dmm a.ply -o out",
+            "a scan, in the place of a photo",
+        ),
+        misplaced(
+            "a.ply",
+            &scan,
+            "register a.ply @golden/small.3dmm -o out",
+            "in the place of a model",
+        ),
+        misplaced(
+            "a.png",
+            &photo,
+            "register @golden/small.3dmm a.png -o out",
+            "in the place of a scan",
+        ),
+        misplaced("a.ply", &scan, "info a.ply", "a scan, in the place of a model (.3dmm, .h5"),
+        misplaced("a.3dmm", &model, "build a.3dmm -o out.3dmm", "a model, in the place of a scan"),
+        misplaced(
+            "a.tlms",
+            &marks,
+            "build @face/template.ply --landmarks a.tlms -o out.3dmm",
+            "landmarks in a photo, in the place of landmarks on a scan",
+        ),
+        misplaced(
+            "bad.json",
+            &places,
+            MARKED_ON_A_SCAN,
+            "landmarks on a scan, in the place of landmarks in",
+        ),
+        misplaced("bad.ply", &scan, NO_LANDMARKS, "in the place of landmarks in a photo"),
+        misplaced(
+            "a.3dmm",
+            &model,
+            "recognise a.3dmm @photos/astronaut.png -o out",
+            "neither a directory of photos or fits",
+        ),
     ]);
 }
 

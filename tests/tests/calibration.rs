@@ -21,7 +21,6 @@ use onescan_core::scene::Scene;
 use onescan_tests::photos;
 use onescan_tests::truth::{aligned, distances_after_alignment, rms};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64};
 
 /// Components of each half of the model.
 const RANK: usize = 199;
@@ -180,10 +179,9 @@ fn run(
         seed: 0,
         chains: 1,
     };
-    let (stop, steps) = (AtomicBool::new(false), AtomicU64::new(0));
     let request = Request { draws, chains: 4, seed: 1 };
-    let control = Control { stop: &stop, steps: &steps };
-    let (fits, samples) = sample(&[job], &request, &control).unwrap().expect("not stopped");
+    let (fits, samples) =
+        sample(&[job], &request, &Control::default()).unwrap().expect("not stopped");
     let mode = &fits[0].best.scene.subject;
     let faces: Vec<Mesh> = samples
         .draws()

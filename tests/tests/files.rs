@@ -91,6 +91,29 @@ const FIT: &str =
     "fit @golden/small.3dmm @photos/astronaut.png --landmarks @photos/astronaut.tlms -o fit";
 
 #[test]
+fn a_result_beside_its_inputs_leaves_them_alone() {
+    let place = tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    fs::copy(fixtures().join("photos/astronaut.png"), at("face.png")).unwrap();
+    // Landmarks were found, corrected, and given from where they lie.
+    fs::copy(fixtures().join("photos/astronaut.tlms"), at("landmarks.tlms")).unwrap();
+    let line = "fit @golden/small.3dmm face.png --landmarks landmarks.tlms --size 64 -o .";
+    for _ in 0..2 {
+        Onescan::new(place.path(), line).succeed();
+        assert!(at("landmarks.tlms").is_file() && at("fit.json").is_file());
+    }
+    // photo.png is what a fit writes.
+    fs::rename(at("face.png"), at("photo.png")).unwrap();
+    let before = fs::read(at("photo.png")).unwrap();
+    let fit = fs::read(at("fit.json")).unwrap();
+    let run = Onescan::new(place.path(), &line.replace("face.png", "photo.png")).run();
+    assert_eq!(run.code, Some(1), "{run:?}");
+    assert!(run.stderr.contains("photo.png: is read by this command"), "{run:?}");
+    assert_eq!(fs::read(at("photo.png")).unwrap(), before);
+    assert_eq!(fs::read(at("fit.json")).unwrap(), fit);
+}
+
+#[test]
 fn a_killed_fit_goes_on_from_its_last_checkpoint() {
     let whole = tempdir().unwrap();
     // Long enough to be kept once on a fast machine.

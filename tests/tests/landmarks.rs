@@ -38,6 +38,25 @@ fn a_fit_finds_the_landmarks_itself() {
 }
 
 #[test]
+fn landmarks_beside_the_face_are_doubted() {
+    let place = tempdir().unwrap();
+    let mut marks = Tlms::read(&fixtures().join("photos/astronaut.tlms"), [512, 512]).unwrap();
+    let doubts = |marks: &Tlms| {
+        fs::write(place.path().join("a.tlms"), marks.to_text()).unwrap();
+        let line = "fit @golden/small.3dmm @photos/astronaut.png --landmarks a.tlms -o fit";
+        Onescan::new(place.path(), line).succeed();
+        json(&place.path().join("fit/fit.json"))["warnings"].to_string()
+    };
+    let said = doubts(&marks);
+    assert!(!said.contains("no face"), "{said}");
+    for mark in &mut marks.landmarks {
+        mark.x -= 60.0;
+    }
+    let said = doubts(&marks);
+    assert!(said.contains("the landmarks lie on no face; the nearest"), "{said}");
+}
+
+#[test]
 fn landmarks_of_a_scan_make_a_model_that_is_fitted() {
     let place = tempdir().unwrap();
     let run = |line: &str| Onescan::new(place.path(), line).succeed();

@@ -12,7 +12,6 @@ use onescan::model_file::OwnedModel;
 use onescan::photo;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
-use onescan::recognition::fits;
 use onescan::render;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
@@ -20,7 +19,6 @@ use onescan_tests::coarse::coarse;
 use onescan_tests::program::{Onescan, fixtures, json};
 use std::fs;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64};
 use tempfile::tempdir;
 
 /// Copies rough pictures at an angle, and their landmarks, to a directory.
@@ -162,17 +160,15 @@ fn a_face_drawn_from_a_component_is_told_to_be_of_it() {
     let scans = scan_meshes(&fixtures()).unwrap();
     let models = [&template().unwrap().0, &scans[0], &scans[5]].map(model);
     let views = models.each_ref().map(|model| model.view());
-    let control = || (AtomicBool::new(false), AtomicU64::new(0));
     let mut told = Vec::new();
     for (own, model) in models.iter().enumerate() {
         for seed in 0..2 {
             let (photo, landmarks) = picture(model, seed);
             let jobs =
-                |model| -> Vec<Job<'_>> { vec![fits::job(model, &photo, &landmarks).unwrap()] };
+                |model| -> Vec<Job<'_>> { vec![Job::new(model, &photo, &landmarks).unwrap()] };
             let jobs: Vec<_> = views.iter().map(jobs).collect();
-            let (stop, steps) = control();
-            let control = Control { stop: &stop, steps: &steps };
-            let found = mixture::find(&jobs, &[1.0 / 3.0; 3], &control).unwrap().unwrap();
+            let found =
+                mixture::find(&jobs, &[1.0 / 3.0; 3], &Control::default()).unwrap().unwrap();
             let ln: Vec<f64> = found.fits.iter().filter_map(|f| f[0].ln_evidence()).collect();
             told.push((own, found.best, ln));
         }

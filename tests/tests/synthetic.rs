@@ -20,7 +20,7 @@ use onescan_tests::truth::{distances_after_alignment, rms};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 const IDENTITIES: usize = 20;
 const YAWS: [f32; 4] = [0.0, 15.0, 30.0, 45.0];
@@ -157,9 +157,7 @@ fn run(model: &Model<'_>, identity: &Identity, number: usize, schedule: Schedule
             seed: 7,
             chains: 1,
         };
-        let (stop, steps) = (AtomicBool::new(false), AtomicU64::new(0));
-        let Ending::Done(fit) = job.run(None, &Control { stop: &stop, steps: &steps }).unwrap()
-        else {
+        let Ending::Done(fit) = job.run(None, &Control::default()).unwrap() else {
             panic!("nobody stopped the fit");
         };
         errors(model, &fit, &truth)

@@ -21,6 +21,8 @@ use std::path::PathBuf;
 /// The mean of the model is the scan; its deviations are Gaussian processes over the scan's
 /// vertices, decomposed exactly into their leading components.
 ///
+/// Example: onescan build head.obj --unit cm --landmarks head.json -o face.3dmm
+///
 /// Of a large scan, what takes long is kept beside the model until that is there (face.3dmm.partial): the
 /// same command goes on from it if the first was stopped.
 #[derive(Args)]
@@ -158,6 +160,16 @@ impl Build {
         }
         // Without an axis in x nothing is said of where the scan lies.
         let findings = Findings::of(&scan, millimetres.into());
+        if let (Some(unit), false) = (findings.likely_unit(), self.scan.is_measured()) {
+            return Err(Error::file(
+                &self.scan.path,
+                format_args!(
+                    "{:.3} mm across, if its unit is mm; add --unit {unit}, or if it is that small, \
+                     --unit {millimetres}",
+                    findings.diagonal
+                ),
+            ));
+        }
         for fault in findings.faults(mirror == Some(Axis::X) && kernels.mirror()) {
             console.say(Error::file(&self.scan.path, fault));
         }

@@ -1,6 +1,6 @@
 //! `onescan convert`.
 
-use super::{model_file, output_file, read_model, write_mesh, write_model};
+use super::{output_file, read_model, write_mesh, write_model};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::has_extension;
@@ -45,7 +45,8 @@ impl Convert {
             console.say(format_args!("wrote the mean, {}", self.output.display()));
             return Ok(());
         }
-        model_file(&self.output)?;
+        interchange::can_write(&self.output)?;
+        output_file(&self.output, &["3dmm", "h5", "hdf5", "h5.json", "glb", "ply"])?;
         let mut model = match &self.landmarks {
             None => read_model(console, &self.model)?,
             // What there is to say of its own landmarks does not matter.

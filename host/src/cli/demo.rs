@@ -1,15 +1,14 @@
 //! `onescan demo`, which is also what plain `onescan` does.
 
-use super::fit::watch;
 use super::output_directory;
+use super::running::watch;
 use clap::Args;
 use onescan::demo::{subjects, template_model};
 use onescan::error::{Error, Result};
 use onescan::files::write_atomically;
 use onescan::fit::output::{self, Finished, Names, PhotoNames};
 use onescan::fit::summary::Summaries;
-use onescan::fit::{Ending, Job, Schedule};
-use onescan::photo::Crop;
+use onescan::fit::{Ending, Job};
 use onescan::photo::picture::{Picture, contact_sheet};
 use onescan::progress::Console;
 use onescan::texture::Kind;
@@ -65,23 +64,8 @@ impl Demo {
             let tlms = format!("{}.tlms", subject.name);
             put(&directory.join(subject.file), &subject.bytes)?;
             put(&directory.join(&tlms), subject.landmarks.to_text().as_bytes())?;
-            let size = [subject.photo.width, subject.photo.height];
-            let job = Job {
-                model: &model,
-                photo: &subject.photo,
-                landmarks: &subject.landmarks,
-                crop: Crop::around(
-                    &subject.landmarks.visible_points(),
-                    size,
-                    Crop::ENLARGE,
-                    Crop::LONGER_SIDE,
-                )?,
-                mask: None,
-                schedule: Schedule::Mode,
-                config: Schedule::Mode.config(&model, Crop::LONGER_SIDE),
-                seed: self.seed,
-                chains: 1,
-            };
+            let job = Job::new(&model, &subject.photo, &subject.landmarks)?;
+            let job = Job { seed: self.seed, ..job };
             let task = console.task(subject.name, job.steps());
             let Ending::Done(fit) =
                 watch(&AtomicBool::new(false), task, |control| job.run(None, control))?
@@ -93,7 +77,7 @@ impl Demo {
             let names =
                 Names { model: "face.3dmm".into(), given: None, face: 1, photos: vec![photo] };
             for result in output::finish(&[job], &[*fit], &names, Kind::default())? {
-                output::write(&directory, &result, Vec::new())?;
+                output::write(&directory, &result, Vec::new(), &[])?;
                 console.say(output::closing_line(&result.summary));
                 results.push((result, subject.about));
             }

@@ -116,7 +116,7 @@ impl Evaluate {
             &curves,
         )?;
         let files = [("report.html", page), ("metrics.json", text)];
-        publish(&self.output, &files.map(|(name, text)| (name, text.into_bytes())), &[""; 0])?;
+        publish(&self.output, &files.map(|(name, text)| (name, text.into_bytes())), &[""; 0], &[])?;
         for curve in &curves {
             let last = |points: &[Point]| {
                 points.last().map_or([f64::NAN; 2], |p| [p.generalization.mean, p.specificity.mean])

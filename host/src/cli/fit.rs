@@ -1,14 +1,15 @@
 //! `onescan fit`.
 
+use super::running::{Checkpoint, interrupted, stop_on_signals, watch};
 use super::{output_directory, typed};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::face_mesh::Marked;
-use onescan::files::{has_extension, write_atomically};
+use onescan::files::{FileKind, has_extension};
 use onescan::fit::checkpoint::Save;
 use onescan::fit::output::{self, Finished, Names, PhotoNames, quoted};
 use onescan::fit::summary::{ComponentFound, Summaries};
-use onescan::fit::{self, Control, Ending, Job, Schedule, find_mode};
+use onescan::fit::{self, Ending, Job, Schedule, find_mode};
 use onescan::interchange::mixture::Mixture;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
@@ -22,12 +23,9 @@ use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::scene::MAX_RANK;
 use onescan_core::search::unknowns::MAX_PHOTOS;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::slice::from_ref;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Duration;
+use std::sync::atomic::AtomicBool;
 
 /// Fit a model to a photo, or to several photos of one person.
 ///
@@ -77,6 +75,9 @@ pub(super) struct Fit {
     /// The models after the first.
     #[arg(skip)]
     more: Vec<PathBuf>,
+    /// What speaks against each photo's landmarks.
+    #[arg(skip)]
+    doubts: Vec<Option<String>>,
     /// Landmarks in the photo: .tlms (lines of `name visible x y`), .pts (68 points, or dlib's 5), or
     /// .json (MediaPipe's face mesh); a file per photo [default: found].
     #[arg(long, num_args = 1..)]
@@ -130,6 +131,9 @@ pub(super) struct Fit {
     #[command(flatten)]
     chain: ChainOptions,
 }
+
+/// What photos are told by.
+const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Chains of a posterior, if nothing is said: as in docs/posterior.md.
 const CHAINS: u32 = 4;
@@ -229,6 +233,7 @@ impl Fit {
                 return Err(Error::file(&self.images[i], same));
             }
         }
+        self.doubts = photos.iter().map(|(_, marked)| marked.doubt.clone()).collect();
         let looks = |model: &Model<'_>| {
             let look = |(i, read)| self.look(model, i, read);
             photos.iter().enumerate().map(look).collect::<Result<Vec<_>>>()
@@ -254,7 +259,7 @@ impl Fit {
     fn sort_out(&mut self) {
         let given = std::mem::take(&mut self.images);
         (self.more, self.images) = given.into_iter().partition(|path| is_model(path));
-        let is_photo = |path: &Path| has_extension(path, &["png", "jpg", "jpeg"]);
+        let is_photo = |path: &Path| has_extension(path, &PHOTOS);
         if self.images.is_empty() {
             let given = std::mem::take(&mut self.landmarks);
             (self.images, self.landmarks) = given.into_iter().partition(|path| is_photo(path));
@@ -265,7 +270,12 @@ impl Fit {
     fn check_counts(&self) -> Result<()> {
         let photos = self.images.len();
         if photos == 0 {
-            return Err(Error::new("no photo; name it after the model (PNG or JPEG)"));
+            let none = "no photo; name it after the model (PNG or JPEG)";
+            return Err(if has_extension(&self.model, &PHOTOS) {
+                Error::file(&self.model, FileKind::Photo.in_place_of(FileKind::Model))
+            } else {
+                Error::new(none)
+            });
         }
         if photos > MAX_PHOTOS {
             return Err(Error::new(format_args!(
@@ -353,7 +363,7 @@ impl Fit {
             Ending::Done(fit) => {
                 let results =
                     output::finish(from_ref(job), from_ref(&*fit), &self.names(), self.texture)?;
-                self.write_all(&results, Vec::new(), provenance, console)?;
+                self.write_all(results, Vec::new(), provenance, console)?;
                 checkpoint.remove();
                 Ok(())
             }
@@ -361,8 +371,7 @@ impl Fit {
     }
 
     fn checkpoint(&self) -> Checkpoint {
-        let path = self.output.join("checkpoint.bin");
-        Checkpoint { path, ours: AtomicBool::new(self.chain.resume) }
+        Checkpoint::new(self.output.join("checkpoint.bin"), self.chain.resume)
     }
 
     /// What a fit can still be refused for.
@@ -442,7 +451,7 @@ impl Fit {
             result.summary.mixture.clone_from(&components);
         }
         let all = vec![("components.json".into(), Summaries { fits }.to_json()?.into_bytes())];
-        self.write_all(&results, all, models[best].provenance(), console)
+        self.write_all(results, all, models[best].provenance(), console)
     }
 
     fn run_several(
@@ -457,7 +466,7 @@ impl Fit {
             watch(stop, console.task("fitting", steps), |control| find_mode(jobs, control))?;
         let fits = found.ok_or_else(interrupted)?;
         let results = output::finish(jobs, &fits, &self.names(), self.texture)?;
-        self.write_all(&results, Vec::new(), provenance, console)
+        self.write_all(results, Vec::new(), provenance, console)
     }
 
     /// Samples the posterior around the mode of one photo or several.
@@ -495,21 +504,24 @@ impl Fit {
         }
         let mut files = spread.files(model)?;
         files.push(("posterior.h5".into(), posterior::output::states(&samples)?));
-        self.write_all(&results, files, model.provenance(), console)?;
+        self.write_all(results, files, model.provenance(), console)?;
         checkpoint.remove();
         Ok(())
     }
 
     fn write_all(
         &self,
-        results: &[Finished],
+        mut results: Vec<Finished>,
         mut more: Vec<(String, Vec<u8>)>,
         provenance: &str,
         console: Console,
     ) -> Result<()> {
-        if let [result] = results {
+        for (result, doubt) in results.iter_mut().zip(&self.doubts) {
+            result.summary.warnings.extend(doubt.clone());
+        }
+        if let [result] = &results[..] {
             more.push(("report.html".into(), report::fit_report(result, provenance)?.into_bytes()));
-            output::write(&self.output, result, more)?;
+            output::write(&self.output, result, more, &self.inputs())?;
             say(result, console);
             self.say_open(console);
             return Ok(());
@@ -519,14 +531,21 @@ impl Fit {
         for folder in &folders {
             output_directory(&self.output.join(folder))?;
         }
-        let page = report::subject_report(results, &folders, provenance)?;
+        let page = report::subject_report(&results, &folders, provenance)?;
         more.push(("report.html".into(), page.into_bytes()));
-        output::write_all(&self.output, results, &folders, more)?;
-        for result in results {
+        output::write_all(&self.output, &results, &folders, more, &self.inputs())?;
+        for result in &results {
             say(result, console);
         }
         self.say_open(console);
         Ok(())
+    }
+
+    /// All files that the fit reads.
+    fn inputs(&self) -> Vec<&Path> {
+        let models = std::iter::once(&self.model).chain(&self.more);
+        let photos = self.images.iter().chain(&self.landmarks).chain(&self.mask);
+        models.chain(photos).map(PathBuf::as_path).collect()
     }
 
     fn names(&self) -> Names {
@@ -598,29 +617,6 @@ struct Look {
     crop: Crop,
 }
 
-pub(super) fn interrupted() -> Error {
-    Error::new("interrupted; nothing was written")
-}
-
-/// Ctrl-C, what ends a program, and what a terminal sends that is closed.
-const SIGNALS: &[i32] = &[
-    signal_hook::consts::SIGINT,
-    signal_hook::consts::SIGTERM,
-    #[cfg(unix)]
-    signal_hook::consts::SIGHUP,
-];
-
-/// A flag that Ctrl-C sets; the second one ends the program at once.
-pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in SIGNALS {
-        signal_hook::flag::register_conditional_shutdown(*signal, 1, Arc::clone(&stop))
-            .and_then(|_| signal_hook::flag::register(*signal, Arc::clone(&stop)))
-            .map_err(|e| Error::new(format_args!("cannot watch for Ctrl-C: {e}")))?;
-    }
-    Ok(stop)
-}
-
 /// Says how a fit went.
 fn say(result: &Finished, console: Console) {
     for warning in &result.summary.warnings {
@@ -642,59 +638,4 @@ fn read_mask(path: &Path, photo: &Picture) -> Result<Picture> {
             mask.width, mask.height, photo.width, photo.height
         ),
     ))
-}
-
-/// Runs the job and moves the bar meanwhile.
-pub(super) fn watch<T>(
-    stop: &AtomicBool,
-    mut task: onescan::progress::Task,
-    run: impl FnOnce(&Control<'_>) -> Result<T>,
-) -> Result<T> {
-    let steps = AtomicU64::new(0);
-    let done = AtomicBool::new(false);
-    std::thread::scope(|scope| {
-        let watcher = scope.spawn(|| {
-            while !done.load(Ordering::Relaxed) {
-                task.set(steps.load(Ordering::Relaxed));
-                std::thread::park_timeout(Duration::from_millis(100));
-            }
-            task.finish();
-        });
-        let ending = run(&Control { stop, steps: &steps });
-        done.store(true, Ordering::Relaxed);
-        watcher.thread().unpark();
-        ending
-    })
-}
-
-/// What an interrupted fit goes on from.
-struct Checkpoint {
-    path: PathBuf,
-    /// Whether it is this fit's: another's is left alone.
-    ours: AtomicBool,
-}
-
-impl Checkpoint {
-    fn write(&self, bytes: &[u8]) -> Result<()> {
-        self.ours.store(true, Ordering::Relaxed);
-        write_atomically(&self.path, |out| out.write_all(bytes))
-    }
-
-    /// Says so.
-    fn interrupted(&self) -> Error {
-        if !self.ours.load(Ordering::Relaxed) {
-            return interrupted();
-        }
-        Error::file(
-            &self.path,
-            "interrupted, progress saved; the same command with --resume goes on",
-        )
-    }
-
-    /// A fit that is done has no more use for it.
-    fn remove(self) {
-        if self.ours.into_inner() {
-            let _ = std::fs::remove_file(self.path);
-        }
-    }
 }

@@ -47,7 +47,13 @@ impl Info {
         let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
         match names.len() {
             0 => print("no landmarks")?,
-            count => print(format_args!("{count} landmarks: {}", names.join(", ")))?,
+            count => {
+                print(format_args!("{count} landmarks:"))?;
+                for line in names.chunks(3) {
+                    let row: Vec<String> = line.iter().map(|name| format!("{name:<28}")).collect();
+                    print(format_args!("  {}", row.join(" ").trim_end()))?;
+                }
+            }
         }
         if model.occlusion().is_some() {
             print("an occlusion map: where the surface is likely to be hidden")?;

@@ -16,6 +16,7 @@ mod modes;
 mod recognise;
 mod register;
 mod render;
+mod running;
 mod sample;
 mod scan;
 mod serve;

@@ -1,7 +1,7 @@
 //! `onescan recognise`.
 
-use super::fit::{stop_on_signals, watch};
 use super::output_directory;
+use super::running::{stop_on_signals, watch};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::files::publish;
@@ -191,7 +191,7 @@ impl Recognise {
             ("ranks.json", recognition.to_json()?),
         ];
         let files = files.map(|(name, text)| (name, text.into_bytes()));
-        publish(&self.output, &files, &[""; 0])?;
+        publish(&self.output, &files, &[""; 0], &[])?;
         print(recognition.to_text().trim_end())?;
         if let Some(told) = &recognition.told {
             print(told.line())?;

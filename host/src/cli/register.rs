@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct Register {
     /// The model: .3dmm, .h5, .h5.json or .mat.
     model: PathBuf,
-    /// The scan: PLY, OBJ, GLB, glTF, or with --colour STL; with --batch several, or directories.
+    /// The scan: PLY, OBJ, GLB, glTF, OFF, or with --colour STL; with --batch several, or directories.
     #[arg(value_name = "SCAN", required = true, num_args = 1..)]
     scans: Vec<PathBuf>,
     /// Directory to write to; of a batch, a folder named like its scan for each.
@@ -200,7 +200,9 @@ impl Register {
             scan: file_name(path),
             command: self.command(path, marks.map(|file| &**file)),
         };
-        registration::write(directory, &found, &known, &names)?;
+        let mut inputs = vec![&*self.model, path];
+        inputs.extend(marks.map(|file| &**file));
+        registration::write(directory, &found, &known, &names, &inputs)?;
         if let Some(doubt) = found.doubt() {
             console.say(Error::file(path, doubt));
         }

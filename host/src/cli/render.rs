@@ -25,7 +25,7 @@ pub(super) struct Render {
     /// The picture to write, PNG.
     #[arg(short, long)]
     output: PathBuf,
-    /// Parameters of a fit, fit.json.
+    /// Parameters of a fit, fit.json, or the directory that `onescan fit` wrote it to.
     #[arg(long, conflicts_with = "rps")]
     fit: Option<PathBuf>,
     /// Parameters of the reference engine, .rps.
@@ -55,7 +55,8 @@ impl Render {
             if has_extension(path, &["rps"]) {
                 return Err(Error::file(path, "not fit.json; give an .rps to --rps"));
             }
-            let summary = Summary::read(path)?;
+            let own = if path.is_dir() { &path.join("fit.json") } else { path };
+            let summary = Summary::read(own)?;
             if summary.model.checksum != hex(model.checksum()) {
                 return Err(Error::file(
                     path,

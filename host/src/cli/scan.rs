@@ -41,6 +41,7 @@ pub(super) struct Scan {
 
 /// How to read a scan.
 #[derive(Args)]
+#[command(next_help_heading = "How the scan is read")]
 pub(super) struct Reading {
     /// Unit of the scan's coordinates: mm, cm, m, or how many millimetres it is [default: m for
     /// glTF, mm for others].
@@ -134,6 +135,11 @@ impl Scan {
     /// Which way the scan stands in its file.
     pub(super) fn frame(&self) -> Result<Frame> {
         self.reading.frame()
+    }
+
+    /// Whether it was said how large the scan is.
+    pub(super) fn is_measured(&self) -> bool {
+        self.reading.unit.is_some() || self.reading.size.is_some()
     }
 
     /// Reads the scan and its landmarks, closes and crops it as asked, and says what a person should know

@@ -4,8 +4,8 @@
 use super::recognition::models::Named;
 use crate::error::{Error, Result};
 use crate::face_mesh::Marked;
-use crate::fit::Fit;
 use crate::fit::output::{behind, mask};
+use crate::fit::{Fit, Job};
 use crate::model::decompose::Progress;
 use crate::photo::Crop;
 use crate::photo::caption::captioned;
@@ -120,7 +120,7 @@ fn square(picture: &Picture) -> Picture {
 fn fit(model: &Model<'_>, subject: &Subject) -> Result<Views> {
     let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
     let landmarks = subject.landmarks.known(&names)?;
-    let job = fits::job(model, &subject.photo, &landmarks)?;
+    let job = Job::new(model, &subject.photo, &landmarks)?;
     let fit = fits::run(&job, &AtomicBool::new(false))?;
     let Some(Fit { crop, best, mode: Some(mode), .. }) = fit else {
         return Err(Error::new("the search was stopped"));

@@ -63,6 +63,27 @@ pub struct Job<'a> {
     pub chains: u32,
 }
 
+impl<'a> Job<'a> {
+    /// The fit of a photo as `onescan fit` makes it if nothing else is said: a search for the mode, with all
+    /// components, around the landmarks.
+    ///
+    /// # Errors
+    /// A model without landmarks; landmarks that cannot be its, or not the photo's.
+    pub fn new(model: &'a Model<'a>, photo: &'a Picture, landmarks: &'a Tlms) -> Result<Self> {
+        let (schedule, side) = (Schedule::default(), Crop::LONGER_SIDE);
+        let config = schedule.config(model, side);
+        let size = [photo.width, photo.height];
+        let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
+        if names.is_empty() {
+            return Err(Error::new("the model has no landmarks; build it with --landmarks"));
+        }
+        landmarks.check(photo.width, photo.height, &names)?;
+        landmarks::check_sides(model, landmarks, size, side, config.landmark_sd)?;
+        let crop = landmarks::crop_around(model, landmarks, size, side, config.landmark_sd)?;
+        Ok(Self { model, photo, landmarks, crop, mask: None, schedule, config, seed: 7, chains: 1 })
+    }
+}
+
 /// One point of a trace: step over both phases, and the log likelihood of the phase.
 pub type TracePoint = (u32, f64);
 

@@ -492,31 +492,38 @@ pub fn files_of_all(results: &[Finished]) -> Result<Vec<(String, Vec<u8>)>> {
 #[cfg(feature = "full")]
 const RESULTS: [&str; 2] = ["fit.json", "summary.json"];
 
-/// Writes [`files`] and `more` into a directory, all or none: fit.json is the last of them.
+/// Writes [`files`] and `more` into a directory, all or none: fit.json is the last of them. What lies there of
+/// an older fit is replaced or removed, but none of the `inputs`.
 ///
 /// # Errors
-/// Files that cannot be written.
+/// Files that cannot be written, or would replace an input.
 #[cfg(feature = "full")]
-pub fn write(directory: &Path, result: &Finished, mut more: Vec<(String, Vec<u8>)>) -> Result<()> {
+pub fn write(
+    directory: &Path,
+    result: &Finished,
+    mut more: Vec<(String, Vec<u8>)>,
+    inputs: &[&Path],
+) -> Result<()> {
     let [own, other] = RESULTS;
     more.extend(files(result)?);
     more.sort_by_key(|(name, _)| *name == own);
     let mut gone = stale(result, true);
     gone.extend(["report.html", other]);
-    publish(directory, &more, &gone)
+    publish(directory, &more, &gone, inputs)
 }
 
 /// Writes what fits to several photos leave behind, each fit's [`files`] to a folder of its own, and
 /// `page` as their report; all or none: summary.json is the last.
 ///
 /// # Errors
-/// Files that cannot be written; the folders must be there.
+/// As [`write`]; the folders must be there.
 #[cfg(feature = "full")]
 pub fn write_all(
     directory: &Path,
     results: &[Finished],
     folders: &[String],
     mut more: Vec<(String, Vec<u8>)>,
+    inputs: &[&Path],
 ) -> Result<()> {
     let (mut all, mut gone) = (Vec::new(), Vec::new());
     let [single, last] = RESULTS;
@@ -533,7 +540,7 @@ pub fn write_all(
         gone.extend(stale(first, false).into_iter().map(String::from));
     }
     gone.extend(["report.html", single].map(String::from));
-    publish(directory, &all, &gone)
+    publish(directory, &all, &gone, inputs)
 }
 
 /// What an earlier fit may have left in a directory and this one does not write there: its `own`, or of
@@ -554,13 +561,16 @@ fn stale(result: &Finished, own: bool) -> Vec<&'static str> {
 
 /// One line that says how the fit went.
 pub fn closing_line(summary: &Summary) -> String {
+    let percent = |part: f64| 100.0 * part;
+    let BeforeAfter { initial, best } = summary.pixel_rmse;
     let error = match &summary.mode {
-        Some(mode) => format!("{:.4} where the face is seen", mode.seen_rmse),
-        None => format!("{:.4} -> {:.4}", summary.pixel_rmse.initial, summary.pixel_rmse.best),
+        Some(mode) => format!("{:.1} % where the face is seen", percent(mode.seen_rmse)),
+        None => format!("{:.1} % (before: {:.1} %)", percent(best), percent(initial)),
     };
+    let [width, height] = summary.image.crop.scaled_to;
     format!(
-        "{}: pixel error {error}, landmarks {:.1} px of the crop, {:.0} steps/s, fingerprint {}",
-        summary.image.file, summary.landmark_rmse_px, summary.steps_per_second, summary.fingerprint
+        "{}: colours off by {error}, landmarks by {:.1} px of {width}×{height}; fingerprint {}",
+        summary.image.file, summary.landmark_rmse_px, summary.fingerprint
     )
 }
 

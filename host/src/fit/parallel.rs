@@ -24,6 +24,15 @@ pub struct Control<'a> {
     pub steps: &'a AtomicU64,
 }
 
+/// Nobody stops it, nobody watches.
+impl Default for Control<'_> {
+    fn default() -> Self {
+        static STOP: AtomicBool = AtomicBool::new(false);
+        static STEPS: AtomicU64 = AtomicU64::new(0);
+        Self { stop: &STOP, steps: &STEPS }
+    }
+}
+
 /// How long a fit goes on before it is kept again.
 pub(crate) const EVERY: Duration = Duration::from_secs(3);
 

@@ -5,7 +5,7 @@ mod foreign;
 
 use crate::error::{Error, Result};
 #[cfg(feature = "full")]
-use crate::files::read_text;
+use crate::files::{FileKind, read_text};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
 #[cfg(feature = "full")]
@@ -100,7 +100,7 @@ pub fn read_moved(
     origin: [f64; 3],
     millimetres: f32,
 ) -> Result<Vec<Landmark>> {
-    let text = read_text(path)?;
+    let text = read_text(path).map_err(|e| FileKind::ScanLandmarks.misplaced(path).unwrap_or(e))?;
     let read = || {
         let Some(foreign) = foreign::points(path, &text) else {
             return place(&entries(&text)?, points, origin, millimetres);
@@ -117,7 +117,7 @@ pub fn read_moved(
         };
         put(1.0).or_else(|e| put(-1.0).map_err(|_| e))
     };
-    read().map_err(|e| Error::file(path, e))
+    read().map_err(|e| FileKind::ScanLandmarks.or_misplaced(path, e))
 }
 
 /// Parses landmarks: a JSON array of `{"id", "vertex"?, "coordinates": [x, y, z]?, …}`.
@@ -182,7 +182,7 @@ fn place(
 /// When the file cannot be read, and those of [`uncertainties`]; they name the file.
 #[cfg(feature = "full")]
 pub fn read_uncertainties(path: &Path) -> Result<BTreeMap<String, Uncertainty>> {
-    let text = read_text(path)?;
+    let text = read_text(path).map_err(|e| FileKind::ScanLandmarks.misplaced(path).unwrap_or(e))?;
     if foreign::points(path, &text).is_some() {
         return Ok(BTreeMap::new());
     }
@@ -217,12 +217,12 @@ fn uncertain(id: &str) -> Error {
 /// When the file cannot be read, and those of [`parse_points`]; they name the file.
 #[cfg(feature = "full")]
 pub fn read_points(path: &Path) -> Result<Vec<Point>> {
-    let text = read_text(path)?;
+    let text = read_text(path).map_err(|e| FileKind::ScanLandmarks.misplaced(path).unwrap_or(e))?;
     let points = match foreign::points(path, &text) {
         Some(points) => points.and_then(checked),
         None => parse_points(&text),
     };
-    points.map_err(|e| Error::file(path, e))
+    points.map_err(|e| FileKind::ScanLandmarks.or_misplaced(path, e))
 }
 
 /// Parses points: a JSON array of `{"id", "coordinates": [x, y, z], "description"?,

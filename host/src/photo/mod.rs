@@ -6,7 +6,7 @@ pub mod picture;
 pub mod tlms;
 
 use crate::error::{Error, Result};
-use crate::files;
+use crate::files::{self, FileKind};
 use image::metadata::Orientation;
 use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 use onescan_core::scene::Camera;
@@ -26,7 +26,7 @@ pub const MAX_PIXELS: u64 = 200_000_000;
 /// As [`decode`], naming the file; a file that cannot be read.
 pub fn read(path: &Path) -> Result<Picture> {
     let bytes = files::read(path).map_err(|e| Error::file(path, e))?;
-    decode(&bytes).map_err(|e| Error::file(path, e))
+    decode(&bytes).map_err(|e| FileKind::Photo.or_misplaced(path, e))
 }
 
 /// Decodes a PNG or JPEG, told apart by content, into 8-bit RGB as stored (no linearisation).

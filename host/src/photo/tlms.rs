@@ -5,7 +5,7 @@ mod mesh;
 mod pts;
 
 use crate::error::{Error, Result};
-use crate::files::{has_extension, read_text};
+use crate::files::{FileKind, has_extension, read_text};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -53,7 +53,8 @@ impl Tlms {
     /// As [`Tlms::parse`], [`Tlms::parse_pts`] and [`Tlms::parse_mesh`], naming the file; a file that
     /// cannot be read.
     pub fn read(path: &Path, size: [u32; 2]) -> Result<Self> {
-        let text = read_text(path)?;
+        let text =
+            read_text(path).map_err(|e| FileKind::PhotoLandmarks.misplaced(path).unwrap_or(e))?;
         let found = if has_extension(path, &["pts"]) {
             Self::parse_pts(&text)
         } else if has_extension(path, &["json"]) {
@@ -61,7 +62,15 @@ impl Tlms {
         } else {
             Self::parse(&text)
         };
-        found.map_err(|e| Error::file(path, e))
+        found.map_err(|e| {
+            if [r#""vertex""#, r#""coordinates""#].iter().any(|key| text.contains(key)) {
+                return Error::file(
+                    path,
+                    FileKind::ScanLandmarks.in_place_of(FileKind::PhotoLandmarks),
+                );
+            }
+            FileKind::PhotoLandmarks.or_misplaced(path, e)
+        })
     }
 
     /// Whether the file's name says that its points are numbered, not named.

@@ -12,46 +12,15 @@ use super::scores::Face;
 use crate::error::{Error, Result};
 use crate::face_mesh::Marked;
 use crate::files::{folder, has_extension, read_text, write_atomically};
-use crate::fit::landmarks::{check_sides, crop_around};
 use crate::fit::output::{Names, PhotoNames, summarize};
 use crate::fit::summary::{Summaries, Summary, hex};
-use crate::fit::{Control, Fit, Job, Schedule, find_mode};
+use crate::fit::{Control, Fit, Job, find_mode};
 use crate::interchange::mixture::Mixture;
 use crate::photo::Crop;
-use crate::photo::picture::Picture;
-use crate::photo::tlms::Tlms;
-use onescan_core::model::Model;
 use std::fs::metadata;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64};
-
-/// The fit of a photo as `onescan fit` makes it if nothing else is said.
-///
-/// # Errors
-/// Landmarks that cannot be the model's.
-pub fn job<'a>(model: &'a Model<'a>, photo: &'a Picture, landmarks: &'a Tlms) -> Result<Job<'a>> {
-    let (schedule, side) = (Schedule::Mode, Crop::LONGER_SIDE);
-    let config = schedule.config(model, side);
-    let size = [photo.width, photo.height];
-    let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
-    if names.is_empty() {
-        return Err(Error::new("the model has no landmarks; build it with --landmarks"));
-    }
-    landmarks.check(photo.width, photo.height, &names)?;
-    check_sides(model, landmarks, size, side, config.landmark_sd)?;
-    Ok(Job {
-        model,
-        photo,
-        landmarks,
-        crop: crop_around(model, landmarks, size, side, config.landmark_sd)?,
-        mask: None,
-        schedule,
-        config,
-        seed: 7,
-        chains: 1,
-    })
-}
 
 /// Runs a search for the mode; `None` if it was stopped.
 ///
@@ -94,10 +63,9 @@ impl Entry {
             return Ok(vec![one]);
         }
         let entries = std::fs::read_dir(path).map_err(|e| {
-            Error::file(
-                path,
-                format_args!("{e}; give a directory of photos or fits, or one of them"),
-            )
+            let what = "neither a directory of photos or fits, nor one of them";
+            let e = if path.is_file() { what.into() } else { e.to_string() };
+            Error::file(path, format_args!("{e}; see onescan recognise --help"))
         })?;
         let mut all = Vec::new();
         for entry in entries {
@@ -169,7 +137,7 @@ impl Fits {
     /// Fits a photo; `None` if it was stopped.
     ///
     /// # Errors
-    /// Files that cannot be read, a photo without a face; those of [`job`] and [`find_mode`], which name
+    /// Files that cannot be read, a photo without a face; those of [`Job::new`] and [`find_mode`], which name
     /// the landmarks.
     pub fn make(
         mixture: &Mixture,
@@ -188,12 +156,14 @@ impl Fits {
             let model = component.model.view();
             let names: Vec<_> = model.landmarks().map(|(name, _)| name).collect();
             let points = marked.known(&names).map_err(fault)?;
-            let mut job = job(&model, &picture, &points).map_err(fault)?;
+            let mut job = Job::new(&model, &picture, &points).map_err(fault)?;
             job.crop = *crop.get_or_insert(job.crop);
             let Some(fit) = run(&job, stop).map_err(fault)? else { return Ok(None) };
             let (model, photos) = (component.name.clone(), photos.clone());
             let names = Names { model, given: None, face: 1, photos };
-            all.push(summarize(&job, &fit, &names, 0)?);
+            let mut summary = summarize(&job, &fit, &names, 0)?;
+            summary.warnings.extend(marked.doubt.clone());
+            all.push(summary);
         }
         Ok(Some(Self(all)))
     }

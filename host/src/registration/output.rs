@@ -44,12 +44,13 @@ pub struct Names {
 /// for, and register.json, all or none; `landmarks` are names, places on the scan and vertices of the model.
 ///
 /// # Errors
-/// A directory that cannot be written.
+/// A directory that cannot be written; a file that would replace one of the `inputs`.
 pub fn write(
     directory: &Path,
     result: &Registered,
     landmarks: &[(String, [f32; 3], u32)],
     names: &Names,
+    inputs: &[&Path],
 ) -> Result<()> {
     let bytes = |mesh: &Mesh| -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
@@ -70,7 +71,7 @@ pub fn write(
         None => gone.push("uncertainty.ply"),
     }
     files.push(("register.json", format!("{value:#}\n").into_bytes()));
-    publish(directory, &files, &gone)
+    publish(directory, &files, &gone, inputs)
 }
 
 /// The registered mesh, coloured by the distance to the scan: black is none, then violet, red, orange

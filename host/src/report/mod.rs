@@ -203,6 +203,11 @@ impl<'a> Section<'a> {
                  picture.",
             )?,
             Figure::new(
+                &shrunk(&pictures.whole, WHOLE_SIDE),
+                format!("The whole photo {file} with the fitted model in its place"),
+                "The same in the whole photo.",
+            )?,
+            Figure::new(
                 &pictures.alone,
                 format!("The fitted model alone, posed and lit as in {file}"),
                 "The model alone, in the pose and light it found.",
@@ -242,11 +247,6 @@ impl<'a> Section<'a> {
                 },
             )?);
         }
-        figures.push(Figure::new(
-            &shrunk(&pictures.whole, WHOLE_SIDE),
-            format!("The whole photo {file} with the fitted model in its place"),
-            "Back in the whole photo.",
-        )?);
         #[cfg(feature = "full")]
         if let (Some(picture), Some(found)) = (&pictures.uncertainty, &summary.posterior) {
             figures.push(Figure::new(
@@ -413,14 +413,23 @@ fn in_words(f: &mut impl Write, s: &Summary) -> fmt::Result {
              face and which something before it. What it came to"
         )
     };
+    let best = percent(s.pixel_rmse.best, 1);
+    let off = s.mode.as_ref().map_or_else(
+        || format!("{best} of full brightness (root mean square over the pixels the model covers)"),
+        |mode| {
+            format!(
+                "{} of full brightness where the photo shows the face (root mean square; {best} over \
+                 all that the model covers)",
+                percent(mode.seen_rmse, 1)
+            )
+        },
+    );
     writeln!(
         f,
         "<p>Given {landmarks} marked points and the pixels of this photo, the program looked for \
-         the pose, light, shape and colour that would produce it. {how} is off by {best} of full \
-         brightness (root mean square over the pixels the model covers); with the pose of the \
-         marked points alone it was off by {initial}.</p>",
+         the pose, light, shape and colour that would produce it. {how} is off by {off}; with the \
+         pose of the marked points alone it was off by {initial} over all.</p>",
         landmarks = s.image.landmarks,
-        best = percent(s.pixel_rmse.best, 1),
         initial = percent(s.pixel_rmse.initial, 1),
     )
 }

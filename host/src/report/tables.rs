@@ -23,6 +23,10 @@ pub(super) fn key_figures(s: &Summary) -> Rows {
             "Pixel error, before → after",
             format!("{} → {}", percent(s.pixel_rmse.initial, 2), percent(s.pixel_rmse.best, 2)),
         ),
+        (
+            "Pixel error where the face is seen",
+            s.mode.as_ref().map_or_else(String::new, |mode| percent(mode.seen_rmse, 2)),
+        ),
         ("Landmark error", format!("{} px of the crop", number(s.landmark_rmse_px, 2))),
         (
             "Log likelihood, before → after",
@@ -55,7 +59,8 @@ pub(super) fn key_figures(s: &Summary) -> Rows {
         ("Seed", s.seed.to_string()),
         ("Fingerprint", s.fingerprint.clone()),
     ];
-    rows.map(|(name, value)| (name.to_owned(), value)).into()
+    let told = rows.into_iter().filter(|(_, value)| !value.is_empty());
+    told.map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
 fn steps(s: &Summary) -> String {
@@ -102,7 +107,8 @@ pub(super) fn scene_facts(scene: &Scene) -> Rows {
         ("Colour offset (R, G, B)", triple(color.offset, 3)),
         ("Contrast", percent(color.contrast.into(), 0)),
     ];
-    rows.map(|(name, value)| (name.to_owned(), value)).into()
+    let told = rows.into_iter().filter(|(_, value)| !value.is_empty());
+    told.map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
 /// Ambient brightness, and the direction and strength of the first-order light.

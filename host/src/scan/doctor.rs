@@ -20,6 +20,8 @@ use surface::{
 
 /// Diagonals that the kernels' lengths suit, millimetres: half a face to a bust with its shoulders.
 const DIAGONALS: std::ops::RangeInclusive<f64> = 60.0..=1500.0;
+/// What mends what takes no guess.
+const MEND: &str = "`onescan inspect SCAN --mend OUT.ply` mends it";
 /// Least fraction of vertices with a partner across x = 0 in a mesh that lies symmetric. Chosen, not
 /// measured, like the next.
 const SYMMETRIC: f64 = 0.8;
@@ -140,17 +142,17 @@ impl Findings {
             }
         };
         let mendable = [
-            (self.duplicate_vertices, "vertices lie exactly on others (seams)"),
-            (self.unused_vertices, "vertices belong to no triangle"),
-            (self.degenerate_triangles, "triangles have no area"),
-            (self.duplicate_triangles, "triangles repeat others"),
-            (self.crowded_edges, "edges have more than two triangles"),
-            (self.clashing_edges, "edges lie between triangles that face opposite ways"),
+            (self.duplicate_vertices, "vertex", "on the very place of another (seams)"),
+            (self.unused_vertices, "vertex", "of no triangle"),
+            (self.degenerate_triangles, "triangle", "without area"),
+            (self.duplicate_triangles, "triangle", "like another"),
+            (self.crowded_edges, "edge", "of more than two triangles"),
+            (self.clashing_edges, "edge", "between triangles that face opposite ways"),
         ];
-        for (count, what) in mendable {
-            note(count > 0, format!("{count} {what}: --mend"));
+        for (count, noun, what) in mendable {
+            note(count > 0, format!("{} {what}: {MEND}", counted(count, noun)));
         }
-        note(self.inside_out == Some(true), "the surface is inside out: --mend".into());
+        note(self.inside_out == Some(true), format!("the surface is inside out: {MEND}"));
         let others: usize = self.components.iter().skip(1).sum();
         note(
             others > 0,
@@ -189,13 +191,18 @@ impl Findings {
         faults
     }
 
-    /// What the file's unit may be, as if this had been read in millimetres.
+    /// The unit in which a mesh, read as if in millimetres, would be as large as a face or a head, if it is
+    /// too small for one.
+    pub fn likely_unit(&self) -> Option<&'static str> {
+        let fits = |millimetres: f64| (100.0..=700.0).contains(&(self.diagonal * millimetres));
+        let units = [("cm", 10.0), ("m", 1000.0)].into_iter();
+        let small = self.diagonal < *DIAGONALS.start();
+        units.filter(|_| small).find(|(_, size)| fits(*size)).map(|(unit, _)| unit)
+    }
+
     fn unit_hint(&self) -> String {
-        let likely = [("cm", 10.0), ("m", 1000.0)]
-            .into_iter()
-            .find(|(_, millimetres)| (100.0..=700.0).contains(&(self.diagonal * millimetres)));
-        match likely {
-            Some((unit, _)) => format!("if its numbers were read as mm, try --unit {unit}"),
+        match self.likely_unit() {
+            Some(unit) => format!("if its numbers were read as mm, try --unit {unit}"),
             None => {
                 "give its length by --size, or how many millimetres its unit is by --unit".into()
             }
@@ -272,7 +279,11 @@ fn rounded(x: f64) -> String {
 }
 
 fn counted(n: usize, what: &str) -> String {
-    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+    match (n, what) {
+        (1, _) => format!("{n} {what}"),
+        (_, "vertex") => format!("{n} vertices"),
+        _ => format!("{n} {what}s"),
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! `onescan experiment recognition`.
 
-use super::super::fit::{stop_on_signals, watch};
 use super::super::output_directory;
+use super::super::running::{stop_on_signals, watch};
 use super::put;
 use clap::Args;
 use onescan::error::{Error, Result};

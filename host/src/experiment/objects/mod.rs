@@ -33,7 +33,6 @@ use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::sync::atomic::{AtomicBool, AtomicU64};
 
 /// Kernels of the four models, as the paper's.
 const MODELS: [&str; 4] = ["standard-full", "symmetric-full", "standard-xyz", "symmetric-xyz"];
@@ -196,8 +195,7 @@ fn fit(model: &OwnedModel, subject: &Subject, schedule: Schedule, seed: u64) -> 
         seed,
         chains: 1,
     };
-    let control = Control { stop: &AtomicBool::new(false), steps: &AtomicU64::new(0) };
-    let Ending::Done(fit) = job.run(None, &control)? else {
+    let Ending::Done(fit) = job.run(None, &Control::default())? else {
         return Err(Error::new("the fit was stopped"));
     };
     let truth: Vec<[f32; 3]> =

@@ -13,7 +13,7 @@ pub mod results;
 
 use crate::error::{Error, Result};
 use crate::files::{self, write_atomically};
-use crate::fit::Control;
+use crate::fit::{self, Control};
 use crate::model::decompose::Progress;
 use crate::model_file::OwnedModel;
 use crate::photo;
@@ -213,7 +213,7 @@ impl Plan {
                 Some(path) => read(path)?,
                 None => crowd.picture(*person as usize, job.yaw)?,
             };
-            let fit = fits::run(&fits::job(&model, &photo, &landmarks)?, control.stop)?;
+            let fit = fits::run(&fit::Job::new(&model, &photo, &landmarks)?, control.stop)?;
             control.steps.fetch_add(1, Ordering::Relaxed);
             Ok(fit.map(|fit| (*person, Face::of_fit(&fit))))
         };

@@ -14,7 +14,7 @@ mod stl;
 pub use frame::{Direction, Frame};
 
 use crate::error::{Error, Result};
-use crate::files;
+use crate::files::{self, FileKind};
 use crate::mesh::{Mesh, far, in_range, ply};
 use crate::scan::subdivide::{Finer, Piece, Subdivision, mean, mean_point};
 use named::Place;
@@ -175,7 +175,8 @@ pub fn read(path: &Path, options: &Options) -> Result<Scan> {
     let named = |e| Error::file(path, e);
     let format = Format::of(path, &bytes).ok_or_else(|| {
         let what = foreign(path, &bytes).unwrap_or("not a mesh this program reads");
-        named(Error::new(format_args!("{what}; export it as PLY, OBJ, GLB or glTF")))
+        let what = format_args!("{what}; export it as PLY, OBJ, GLB or glTF");
+        FileKind::Scan.or_misplaced(path, what)
     })?;
     parse(path, &bytes, format, options).map_err(named)
 }
