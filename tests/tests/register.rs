@@ -61,6 +61,17 @@ fn a_turned_scan_is_registered_where_it_lies() {
     let again = fs::read(at("many/turned/registered.ply")).unwrap();
     assert!(again == fs::read(at("one/registered.ply")).unwrap(), "same bits");
 
+    // What is registered is left alone, until its scan changes.
+    fs::remove_file(at("scans/broken.ply")).unwrap();
+    let written = || fs::metadata(at("many/turned/register.json")).unwrap().modified().unwrap();
+    let (first, batch) = (written(), "register face.3dmm scans -o many --batch");
+    run(batch);
+    assert_eq!(written(), first);
+    assert_eq!(json(&at("many/batch.json"))[0]["chamfer_mm"], numbers["chamfer_mm"]);
+    fs::write(at("scans/turned.ply"), fs::read(at("scans/turned.ply")).unwrap()).unwrap();
+    run(batch);
+    assert!(written() > first);
+
     run("register face.3dmm scans/turned.ply -o shape --shape-only");
     assert!(fs::read(at("shape/registered.ply")).unwrap() != again);
     run("model pca one/aligned.ply shape/aligned.ply -o pca.3dmm");

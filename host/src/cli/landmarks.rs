@@ -43,7 +43,7 @@ pub(super) struct Landmarks {
     /// PNG of the photo, or of the scan from the front, with the landmarks to write as well.
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = "How the scan is read")]
     reading: Reading,
 }
 

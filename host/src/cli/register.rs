@@ -4,7 +4,7 @@ use super::scan::{Placed, Reading};
 use super::{file_name, output_directory, typed};
 use clap::Args;
 use onescan::error::{Error, Result};
-use onescan::files::{listed, write_atomically};
+use onescan::files::{listed, read_text, write_atomically};
 use onescan::fit::output::quoted;
 use onescan::interchange;
 use onescan::mesh::landmarks;
@@ -59,10 +59,11 @@ pub(super) struct Register {
     /// approximation. Where the scan says nothing, the model's prior shows.
     #[arg(long)]
     uncertainty: bool,
-    /// Register many scans, and go on if one fails.
+    /// Register many scans, and go on if one fails; those that the same command has registered before
+    /// are left as they are.
     #[arg(long)]
     batch: bool,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = "How the scan is read")]
     reading: Reading,
 }
 
@@ -104,6 +105,12 @@ impl Register {
                 if self.batch { self.output.join(folder(scan)) } else { self.output.clone() };
             let marks = self.landmarks.get(i);
             task.name(&file_name(scan));
+            if let Some(value) = self.known(scan, marks, &directory) {
+                let again = "registered already; remove its folder to do it anew";
+                console.say(format_args!("{}: {again}", file_name(scan)));
+                lines.push(value);
+                continue;
+            }
             match self.one(console, &model, scan, marks, &directory, (&mut task, steps * i as u64))
             {
                 Ok((line, value)) => {
@@ -162,6 +169,27 @@ impl Register {
         Ok(paths)
     }
 
+    /// Of a batch that is repeated, what the same program has found of a scan by the same command, if neither
+    /// scan nor landmarks nor model are younger.
+    fn known(
+        &self,
+        scan: &Path,
+        marks: Option<&PathBuf>,
+        directory: &Path,
+    ) -> Option<serde_json::Value> {
+        let age = |path: &Path| std::fs::metadata(path).and_then(|known| known.modified()).ok();
+        let path = directory.join("register.json");
+        let written = age(&path).filter(|_| self.batch)?;
+        let mut inputs = [scan, &self.model].into_iter().chain(marks.map(|file| &**file));
+        if inputs.any(|input| age(input).is_none_or(|age| age >= written)) {
+            return None;
+        }
+        let value: serde_json::Value = serde_json::from_str(&read_text(&path).ok()?).ok()?;
+        let command = self.command(scan, marks.map(|file| &**file));
+        let same = value["onescan"] == env!("CARGO_PKG_VERSION") && value["command"] == command;
+        same.then(|| summary(scan, &value))
+    }
+
     fn one(
         &self,
         console: Console,
@@ -215,14 +243,12 @@ impl Register {
             measures.hausdorff_95()
         );
         let value = json!({
-            "scan": names.scan,
-            "folder": folder(path),
             "chamfer_mm": measures.chamfer(),
             "hausdorff_mm": measures.hausdorff(),
             "hausdorff_95_mm": measures.hausdorff_95(),
             "doubt": found.doubt(),
         });
-        Ok((line, value))
+        Ok((line, summary(path, &value)))
     }
 
     /// Landmarks on the scan that the model has too: names, places in mm, vertices.
@@ -273,6 +299,18 @@ impl Register {
         add("uncertainty", &"", self.uncertainty);
         command + &self.reading.options()
     }
+}
+
+/// What batch.json says of a scan.
+fn summary(scan: &Path, found: &serde_json::Value) -> serde_json::Value {
+    json!({
+        "scan": file_name(scan),
+        "folder": folder(scan),
+        "chamfer_mm": found["chamfer_mm"],
+        "hausdorff_mm": found["hausdorff_mm"],
+        "hausdorff_95_mm": found["hausdorff_95_mm"],
+        "doubt": found["doubt"],
+    })
 }
 
 /// A scan's folder in a batch.

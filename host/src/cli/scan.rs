@@ -35,13 +35,12 @@ pub(super) struct Scan {
     /// Keep what is within so many millimetres of one of the --landmarks: center.nose.tip,120.
     #[arg(long, value_name = "LANDMARK,MM", value_parser = ball, requires = "landmarks")]
     crop: Option<(String, f32)>,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = "How the scan is read")]
     reading: Reading,
 }
 
 /// How to read a scan.
 #[derive(Args)]
-#[command(next_help_heading = "How the scan is read")]
 pub(super) struct Reading {
     /// Unit of the scan's coordinates: mm, cm, m, or how many millimetres it is [default: m for
     /// glTF, mm for others].

@@ -14,6 +14,7 @@
 //! (`fixtures/README.md`): principal components know the very distribution that is tested.
 
 use super::faces::{identity_meshes, scan_meshes};
+use super::stages::Stages;
 use crate::demo;
 use crate::error::{Error, Result};
 use crate::json;
@@ -55,6 +56,7 @@ pub fn run(
     fixtures: &Path,
     rank: usize,
     options: &Options,
+    stages: &Stages,
     progress: &mut Progress<'_>,
 ) -> Result<Compactness> {
     let (template, _) = demo::template()?;
@@ -68,48 +70,37 @@ pub fn run(
     let mut done = 0.0;
 
     let mut curves = Vec::new();
-    let mut kernels_alone = None;
     let mut shapes: Vec<(Kernel, Process)> = Vec::new();
     for (name, kernels) in ON_TEMPLATE {
-        let mut building = |part: f64| progress((done + part) / total, name);
-        let preset = preset(kernels)?;
-        // Standard and correlated models share their shape.
-        let kernel = preset.shape(Some(Axis::X));
-        let shape = match shapes.iter().find(|(known, _)| *known == kernel) {
-            Some((_, shape)) => shape.clone(),
-            None => deviate(&kernel, &template, &template.points, rank, &mut |part| {
-                building(0.4 * part);
-            })?,
-        };
-        shapes.push((kernel, shape.clone()));
-        let kernel = preset.albedo(Some(Axis::X));
-        let albedo = deviate(&kernel, &template, &template.colors, rank, &mut |part| {
-            building(0.4 + 0.4 * part);
+        let metrics = stages.stage(name, || {
+            let mut building = |part: f64| progress((done + part) / total, name);
+            // Standard and correlated models share their shape.
+            let kernel = preset(kernels)?.shape(Some(Axis::X));
+            let shape = match shapes.iter().find(|(known, _)| *known == kernel) {
+                Some((_, shape)) => shape.clone(),
+                None => deviate(&kernel, &template, &template.points, rank, &mut |part| {
+                    building(0.4 * part);
+                })?,
+            };
+            shapes.push((kernel, shape.clone()));
+            let albedo = albedo(kernels, &template, rank, &mut |part| building(0.4 + 0.4 * part))?;
+            measure(&morphable(&template, shape, albedo), &without(None), options)
         })?;
-        let model = morphable(&template, shape, albedo);
-        curves.push(Curve {
-            name: name.into(),
-            about: format!("{kernels} kernels on the template"),
-            metrics: measure(&model, &without(None), options)?,
-        });
-        kernels_alone = Some(model);
+        let about = format!("{kernels} kernels on the template");
+        curves.push(Curve { name: name.into(), about, metrics });
         done += 1.0;
     }
     drop(shapes);
 
-    let preset = preset("symmetric-full")?;
     let mut singles = Vec::new();
     for (number, scan) in scans.iter().enumerate() {
         let name = format!("scan {number}");
-        let mut building = |part: f64| progress((done + part) / total, &name);
-        let kernel = preset.shape(Some(Axis::X));
-        let shape = deviate(&kernel, scan, &scan.points, rank, &mut |part| building(0.4 * part))?;
-        let kernel = preset.albedo(Some(Axis::X));
-        let albedo = deviate(&kernel, scan, &scan.colors, rank, &mut |part| {
-            building(0.4 + 0.4 * part);
-        })?;
-        let model = morphable(scan, shape, albedo);
-        singles.push(measure(&model, &without(Some(number)), options)?);
+        singles.push(stages.stage(&format!("scan-{number}"), || {
+            let model = symmetric(scan, rank, &mut |part| {
+                progress((done + 0.8 * part) / total, &name);
+            })?;
+            measure(&model, &without(Some(number)), options)
+        })?);
         done += 1.0;
     }
     curves.push(Curve {
@@ -123,18 +114,31 @@ pub fn run(
 
     progress(done / total, "principal components");
     let identities = identity_meshes(fixtures)?;
-    let model = Morphable::of_meshes(&identities, Vec::new())?;
+    let people = stages.stage("people", || {
+        let model = Morphable::of_meshes(&identities, Vec::new())?;
+        measure(&model, &without(None), options)
+    })?;
     curves.push(Curve {
         name: "60 people".into(),
         about: format!("principal components of {} registered faces", identities.len()),
-        metrics: measure(&model, &without(None), options)?,
+        metrics: people,
     });
     done += 1.0;
-    if let Some(kernels) = kernels_alone {
-        curves.extend(few(&scans, &surfaces, &kernels, options, &mut |part| {
-            progress((done + part * scans.len() as f64) / total, "few scans");
-        })?);
-    }
+    let [alone, augmented] = stages.stage("few-scans", || {
+        let mut told =
+            |part: f64| progress((done + part * scans.len() as f64) / total, "few scans");
+        told(0.0);
+        let kernels = symmetric(&template, rank, &mut |_| {})?;
+        few(&scans, &surfaces, &kernels, options, &mut told)
+    })?;
+    let of =
+        format!("principal components of {} of the scans, tested on the other", scans.len() - 1);
+    curves.push(Curve { name: "nine scans".into(), about: of.clone(), metrics: alone });
+    curves.push(Curve {
+        name: "nine scans + kernels".into(),
+        about: format!("{of}; with the symmetric-full deviations of the template"),
+        metrics: augmented,
+    });
     Ok(Compactness {
         test_meshes: scans.len(),
         samples: options.samples,
@@ -151,7 +155,7 @@ fn few(
     kernels: &Morphable,
     options: &Options,
     progress: &mut dyn FnMut(f64),
-) -> Result<[Curve; 2]> {
+) -> Result<[Metrics; 2]> {
     let (mut alone, mut augmented) = (Vec::new(), Vec::new());
     for (number, (scan, surface)) in scans.iter().zip(surfaces).enumerate() {
         progress(number as f64 / scans.len() as f64);
@@ -162,16 +166,7 @@ fn few(
         alone.push(measure(&model, &test, options)?);
         augmented.push(measure(&model.augmented(kernels)?, &test, options)?);
     }
-    let of =
-        format!("principal components of {} of the scans, tested on the other", scans.len() - 1);
-    Ok([
-        Curve { name: "nine scans".into(), about: of.clone(), metrics: average(&alone)? },
-        Curve {
-            name: "nine scans + kernels".into(),
-            about: format!("{of}; with the symmetric-full deviations of the template"),
-            metrics: average(&augmented)?,
-        },
-    ])
+    Ok([average(&alone)?, average(&augmented)?])
 }
 
 impl Compactness {
@@ -221,6 +216,25 @@ fn deviate(
     let deviation =
         decompose(kernel, &vertices, Truncation::Rank(rank), &mut |done, _| progress(done))?;
     Ok(deviation.around(mean))
+}
+
+/// The albedo of a mesh by kernels of a name.
+fn albedo(
+    kernels: &str,
+    mesh: &Mesh,
+    rank: usize,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Process> {
+    deviate(&preset(kernels)?.albedo(Some(Axis::X)), mesh, &mesh.colors, rank, progress)
+}
+
+/// The symmetric-full model on a mesh.
+fn symmetric(mesh: &Mesh, rank: usize, progress: &mut dyn FnMut(f64)) -> Result<Morphable> {
+    const KERNELS: &str = "symmetric-full";
+    let kernel = preset(KERNELS)?.shape(Some(Axis::X));
+    let shape = deviate(&kernel, mesh, &mesh.points, rank, &mut |part| progress(0.5 * part))?;
+    let albedo = albedo(KERNELS, mesh, rank, &mut |part| progress(0.5 + 0.5 * part))?;
+    Ok(morphable(mesh, shape, albedo))
 }
 
 fn morphable(mesh: &Mesh, shape: Process, albedo: Process) -> Morphable {

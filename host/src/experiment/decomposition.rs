@@ -3,6 +3,7 @@
 
 mod page;
 
+use super::stages::Stages;
 use crate::demo;
 use crate::error::Result;
 use crate::json;
@@ -13,7 +14,7 @@ use crate::model::nystrom::{self, nystrom};
 use crate::model::process::Process;
 use crate::scan::decimate::decimate;
 use onescan_core::rng::Rng;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::time::Instant;
 
@@ -42,10 +43,10 @@ pub struct Decompositions {
 }
 
 /// One way of decomposing one kernel.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     /// Shape or albedo.
-    pub half: &'static str,
+    pub half: String,
     /// Exact, or Nyström from how many vertices.
     pub method: String,
     /// Components.
@@ -61,7 +62,7 @@ pub struct Row {
 }
 
 /// A model of a mesh of some size.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Size {
     /// Its vertices.
     pub vertices: usize,
@@ -78,7 +79,7 @@ pub struct Size {
 ///
 /// # Errors
 /// Those of decomposing.
-pub fn run(largest: usize, progress: &mut Progress<'_>) -> Result<Decompositions> {
+pub fn run(largest: usize, stages: &Stages, progress: &mut Progress<'_>) -> Result<Decompositions> {
     let (template, _) = demo::template()?;
     let sizes: Vec<usize> = SIZES.into_iter().filter(|size| *size <= largest).collect();
     let runs = (2 * RANKS.len() * (1 + SAMPLED.len()) + 2 * sizes.len()) as f64;
@@ -87,43 +88,51 @@ pub fn run(largest: usize, progress: &mut Progress<'_>) -> Result<Decompositions
     for (half, kernel) in kernels() {
         let vertices = Vertex::all(&template.points, &template.colors);
         for rank in RANKS {
-            let watch = Watch::start();
-            let found = decompose(&kernel, &vertices, Truncation::Rank(rank), &mut |part, _| {
-                progress((done + part) / runs, &format!("{half}, {rank} components"));
-            })?;
-            let row = watch.stop(half, "exact".into());
-            let process = found.around(&template.points);
-            methods.push(row.of(&process, &kernel, &vertices));
+            methods.push(stages.stage(&format!("{half}-{rank}-exact"), || {
+                let watch = Watch::start();
+                let rank_wanted = Truncation::Rank(rank);
+                let found = decompose(&kernel, &vertices, rank_wanted, &mut |part, _| {
+                    progress((done + part) / runs, &format!("{half}, {rank} components"));
+                })?;
+                let row = watch.stop(half, "exact".into());
+                Ok(row.of(&found.around(&template.points), &kernel, &vertices))
+            })?);
             done += 1.0;
             for points in SAMPLED {
                 progress(done / runs, &format!("{half}, {rank} components by Nyström"));
-                let watch = Watch::start();
-                let mut rng = Rng::new(SEED, 0);
-                let found = nystrom(&kernel, &vertices, &template.points, points, rank, &mut rng)?;
-                let row = watch.stop(half, format!("Nyström, {points} vertices"));
-                methods.push(row.of(&found, &kernel, &vertices));
+                methods.push(stages.stage(&format!("{half}-{rank}-of-{points}"), || {
+                    let watch = Watch::start();
+                    let mut rng = Rng::new(SEED, 0);
+                    let found =
+                        nystrom(&kernel, &vertices, &template.points, points, rank, &mut rng)?;
+                    let row = watch.stop(half, format!("Nyström, {points} vertices"));
+                    Ok(row.of(&found, &kernel, &vertices))
+                })?);
                 done += 1.0;
             }
         }
     }
     let mut grown = Vec::new();
     for size in sizes {
-        let mesh = resized(&template, size);
-        let vertices = Vertex::all(&mesh.points, &mesh.colors);
-        let (watch, mut residual) = (Watch::start(), 0.0_f64);
-        let mut both = Vec::new();
-        for (half, kernel) in kernels() {
-            let rank = Truncation::Rank(COMPONENTS);
-            both.push(decompose(&kernel, &vertices, rank, &mut |part, _| {
-                progress((done + part) / runs, &format!("{half} of {size} vertices"));
-            })?);
-            done += 1.0;
-        }
-        for found in &both {
-            residual = residual.max(found.max_residual);
-        }
-        let (seconds, megabytes) = watch.read();
-        grown.push(Size { vertices: mesh.points.len(), seconds, megabytes, residual });
+        grown.push(stages.stage(&format!("vertices-{size}"), || {
+            let mesh = resized(&template, size);
+            let vertices = Vertex::all(&mesh.points, &mesh.colors);
+            let (watch, mut residual) = (Watch::start(), 0.0_f64);
+            let mut both = Vec::new();
+            for (i, (half, kernel)) in kernels().into_iter().enumerate() {
+                let rank = Truncation::Rank(COMPONENTS);
+                both.push(decompose(&kernel, &vertices, rank, &mut |part, _| {
+                    let done = done + i as f64 + part;
+                    progress(done / runs, &format!("{half} of {size} vertices"));
+                })?);
+            }
+            for found in &both {
+                residual = residual.max(found.max_residual);
+            }
+            let (seconds, megabytes) = watch.read();
+            Ok(Size { vertices: mesh.points.len(), seconds, megabytes, residual })
+        })?);
+        done += 2.0;
     }
     Ok(Decompositions { vertices: template.points.len(), methods, sizes: grown })
 }
@@ -155,8 +164,9 @@ impl Watch {
         (seconds, kilobytes.map(|k| k / 1e3))
     }
 
-    fn stop(self, half: &'static str, method: String) -> Row {
+    fn stop(self, half: &str, method: String) -> Row {
         let (seconds, megabytes) = self.read();
+        let half = half.into();
         Row { half, method, rank: 0, captured: 0.0, worst_vertex: 0.0, seconds, megabytes }
     }
 }
@@ -240,7 +250,7 @@ impl Decompositions {
         methods.extend(self.methods.iter().map(|row| {
             let unit = if row.half == "shape" { " mm" } else { "" };
             vec![
-                row.half.into(),
+                row.half.clone(),
                 row.method.clone(),
                 row.rank.to_string(),
                 format!("{:.2}", 100.0 * row.captured),
@@ -303,8 +313,8 @@ mod tests {
 
     #[test]
     fn the_page_and_the_tables_tell_everything() {
-        let row = |half, seconds| Row {
-            half,
+        let row = |half: &str, seconds| Row {
+            half: half.into(),
             method: "exact".into(),
             rank: 199,
             captured: 0.9186,

@@ -10,6 +10,7 @@
 //! | [`photos`] | photos, and what each of recognition's models makes of them |
 //! | [`objects`] | a fish and a bird, and fits to others of their kind |
 //! | [`faces`] | the faces they are made on |
+//! | [`stages`] | what of them is done, until all is |
 
 pub mod compactness;
 pub mod decomposition;
@@ -19,3 +20,4 @@ pub mod objects;
 pub mod photos;
 pub mod recognition;
 pub mod registration;
+pub mod stages;

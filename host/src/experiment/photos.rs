@@ -2,6 +2,7 @@
 //! reconstructions: in the photo, from the side, and where the face is hidden).
 
 use super::recognition::models::Named;
+use super::stages::{Stages, packed, unpacked};
 use crate::error::{Error, Result};
 use crate::face_mesh::Marked;
 use crate::fit::output::{behind, mask};
@@ -13,6 +14,7 @@ use crate::photo::picture::{Picture, WHITE, contact_sheet};
 use crate::recognition::fits;
 use crate::render;
 use crate::report;
+use onescan_core::hash::fnv64;
 use onescan_core::model::Model;
 use onescan_core::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -33,6 +35,12 @@ pub struct Subject {
 }
 
 impl Subject {
+    /// What a fit of it depends on, hashed.
+    pub fn hash(&self) -> u64 {
+        let text = self.landmarks.landmarks.to_text();
+        fnv64(self.photo.rgb.as_flattened()) ^ fnv64(text.as_bytes())
+    }
+
     /// Reads a photo, and its landmarks; without a file of them they are found.
     ///
     /// # Errors
@@ -70,26 +78,36 @@ pub fn run(
     subjects: &[Subject],
     models: &[Named],
     (fixtures, rank): (&Path, usize),
+    stages: &Stages,
     progress: &mut Progress<'_>,
 ) -> Result<Sheets> {
     let steps = (models.len() * (1 + subjects.len())) as f64;
     let mut done = 0.0;
     let [mut seen, mut turned, mut masks] = [const { Vec::new() }; 3];
     for named in models {
-        let file = named.build(fixtures, rank, &mut |part, _| {
-            progress((done + part) / steps, &named.name);
+        let kept = stages.stage(&named.name, || {
+            let file = named.build(fixtures, rank, &mut |part, _| {
+                progress((done + part) / steps, &named.name);
+            })?;
+            let mut all = Vec::new();
+            for (i, subject) in subjects.iter().enumerate() {
+                let part = (done + 1.0 + i as f64) / steps;
+                progress(part, &format!("{}: {}", named.name, subject.name));
+                let Views { seen, turned, mask, behind } = fit(&file.view(), subject)
+                    .map_err(|e| Error::new(format_args!("{}: {e}", subject.name)))?;
+                all.push(packed(&[seen, turned, mask, behind])?);
+            }
+            Ok(all)
         })?;
-        done += 1.0;
+        done += (1 + subjects.len()) as f64;
         let mut hidden = Vec::new();
-        for subject in subjects {
-            progress(done / steps, &format!("{}: {}", named.name, subject.name));
-            let views = fit(&file.view(), subject)
-                .map_err(|e| Error::new(format_args!("{}: {e}", subject.name)))?;
-            seen.push(captioned(&views.seen, &named.name));
-            turned.push(captioned(&views.turned, &named.name));
-            masks.push(views.mask);
-            hidden.push(captioned(&views.behind, &named.name));
-            done += 1.0;
+        for views in kept {
+            let views = unpacked(&views)?;
+            let [on_photo, from_side, mask, behind] = &views[..] else { continue };
+            seen.push(captioned(on_photo, &named.name));
+            turned.push(captioned(from_side, &named.name));
+            masks.push(mask.clone());
+            hidden.push(captioned(behind, &named.name));
         }
         masks.append(&mut hidden);
     }

@@ -6,6 +6,7 @@
 //! used for nothing else.
 
 use super::faces::{identity_meshes, scan_meshes, scan_truths};
+use super::stages::Stages;
 use crate::demo;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
@@ -20,7 +21,7 @@ use crate::registration::{Distances, Measures, Options, Registered, register};
 use crate::render;
 use crate::report;
 use crate::vector::{dot, length, minus};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
@@ -57,7 +58,7 @@ impl Way {
 }
 
 /// One scan registered in one way.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     /// Number of the scan.
     pub scan: usize,
@@ -118,7 +119,12 @@ pub struct Registrations {
 ///
 /// # Errors
 /// Fixtures that cannot be read.
-pub fn run(fixtures: &Path, scans: usize, progress: &mut Progress<'_>) -> Result<Registrations> {
+pub fn run(
+    fixtures: &Path,
+    scans: usize,
+    stages: &Stages,
+    progress: &mut Progress<'_>,
+) -> Result<Registrations> {
     let (template, landmarks) = demo::template()?;
     let regions = regions(&template, &landmarks)?;
     progress(0.0, "models");
@@ -144,11 +150,16 @@ pub fn run(fixtures: &Path, scans: usize, progress: &mut Progress<'_>) -> Result
                 let albedo = way != Way::ShapeOnly;
                 let options = Options { width, albedo, ..Options::default() };
                 let used = if way == Way::WithLandmarks { &marks[scan][..] } else { &[] };
-                let start = Instant::now();
-                let found = register(&model, mesh, used, options, false, &mut |_| {})?;
-                let seconds = start.elapsed().as_secs_f64();
-                rows.push(row(scan, &found, &truths[scan], &marks[scan], &regions, seconds));
-                aligned.push(found.aligned);
+                let stage = format!("series-{}-scan-{scan}", series.len());
+                let (row, (points, colors)) = stages.stage(&stage, || {
+                    let start = Instant::now();
+                    let found = register(&model, mesh, used, options, false, &mut |_| {})?;
+                    let seconds = start.elapsed().as_secs_f64();
+                    let row = row(scan, &found, &truths[scan], &marks[scan], &regions, seconds);
+                    Ok((row, (found.aligned.points, found.aligned.colors)))
+                })?;
+                rows.push(row);
+                aligned.push(Mesh { points, colors, triangles: template.triangles.clone() });
                 done += 1.0;
             }
             series.push(Series { model: name, way, rows, average: average(&aligned) });

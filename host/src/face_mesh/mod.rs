@@ -132,9 +132,8 @@ impl Detector {
             };
             match faces.iter_mut().find(same) {
                 Some(other) if other.score < face.score => *other = face,
-                Some(_) => (),
                 None if more => faces.push(face),
-                None => (),
+                _ => (),
             }
         }
     }

@@ -21,7 +21,7 @@ use crate::scan::surface::Surface;
 use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use onescan_core::rng::Rng;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Numbers of components looked at, and all of them: the paper's.
 pub const COMPONENTS: [usize; 7] = [1, 2, 5, 10, 20, 50, 100];
@@ -47,7 +47,7 @@ impl Default for Options {
 }
 
 /// A mean with its standard error.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// The mean.
     pub mean: f64,
@@ -66,7 +66,7 @@ impl Estimate {
 }
 
 /// What a number of components achieves, in millimetres (compactness: mm²) or RGB units.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     /// Number of components; 0 is the mean alone.
     pub components: usize,
@@ -85,7 +85,7 @@ pub struct Point {
 }
 
 /// The measures of a model by number of components.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
     /// Of the shape.
     pub shape: Vec<Point>,

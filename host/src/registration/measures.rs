@@ -3,10 +3,10 @@
 
 use crate::mesh::Mesh;
 use crate::scan::surface::Surface;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Distances of many points to a surface, mm.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Distances {
     /// Their mean: one side of the chamfer distance.
     pub mean: f64,

@@ -105,6 +105,7 @@ fn to_json(result: &Registered, landmarks: &[(String, [f32; 3], u32)], names: &N
         .collect();
     let counted = result.weights.iter().filter(|w| **w > 0.1).count();
     json!({
+        "onescan": env!("CARGO_PKG_VERSION"),
         "model": names.model,
         "scan": names.scan,
         "command": names.command,

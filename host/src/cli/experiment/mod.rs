@@ -8,6 +8,7 @@ use onescan::error::{Error, Result};
 use onescan::experiment::objects::animals::{Animal, Kind};
 use onescan::experiment::photos::{self, Subject};
 use onescan::experiment::recognition::models::Named;
+use onescan::experiment::stages::Stages;
 use onescan::experiment::{compactness, decomposition, kernels, objects, registration};
 use onescan::files::write_atomically;
 use onescan::fit::Schedule;
@@ -24,7 +25,8 @@ use std::path::{Path, PathBuf};
 
 /// Repeat an experiment of the paper, on this project's faces and animals.
 ///
-/// Each writes a page, report.html, and its pictures and numbers beside it.
+/// Each writes a page, report.html, and its pictures and numbers beside it. What it has done is kept
+/// until all is (in `stages`): the same command goes on where it was stopped.
 #[derive(Args)]
 pub(super) struct Experiment {
     #[command(subcommand)]
@@ -133,12 +135,17 @@ struct Decomposition {
 impl Decomposition {
     fn run(self, console: Console) -> Result<()> {
         output_directory(&self.output)?;
+        // Meshes are stages of their own: which are done does not depend on how many there are.
+        let stages = Stages::new(&self.output, "decomposition");
         let mut task = console.task("decomposing", 1000);
-        let result = decomposition::run(self.largest, &mut |done, what| task.report(done, what))?;
+        let result = decomposition::run(self.largest, &stages, &mut |done, what| {
+            task.report(done, what);
+        })?;
         task.finish();
         put(&self.output, "decomposition.json", result.to_json()?)?;
         put(&self.output, "table.md", result.markdown())?;
         put(&self.output, "report.html", result.page()?)?;
+        stages.forget();
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
@@ -189,14 +196,18 @@ impl Object {
         let place = self.fixtures.join(kind.name());
         let template = ply::read(&place.join("template.ply"))?;
         let landmarks = landmarks::read(&place.join("landmarks.json"), &template.points, 1.0)?;
+        let Self { pictures, schedule, seed, .. } = self;
+        let settings =
+            format!("{} {pictures} {schedule} {seed} {template:?} {landmarks:?}", kind.name());
+        let stages = Stages::new(&output, &settings);
         let mut task = console.task("models", 1000);
         let result = objects::run(
             kind,
-            &template,
-            &landmarks,
-            self.pictures as usize,
-            self.schedule,
-            self.seed,
+            (&template, &landmarks),
+            pictures as usize,
+            schedule,
+            seed,
+            &stages,
             &mut |done, what| task.report(done, what),
         )?;
         task.finish();
@@ -206,6 +217,7 @@ impl Object {
         put(&output, "objects.json", result.to_json()?)?;
         put(&output, "table.md", result.markdown())?;
         put(&output, "report.html", result.page()?)?;
+        stages.forget();
         console.say(result.markdown().trim_end());
         console.say(format_args!("open {}", output.join("report.html").display()));
         Ok(())
@@ -242,11 +254,18 @@ impl Compactness {
             surface_samples: self.surface_samples as usize,
             seed: self.seed,
         };
+        let settings = format!("compactness {} {options:?} {}", self.rank, self.fixtures.display());
+        let stages = Stages::new(&self.output, &settings);
         let mut task = console.task("models", 1000);
-        let result =
-            compactness::run(&self.fixtures, self.rank as usize, &options, &mut |done, what| {
+        let result = compactness::run(
+            &self.fixtures,
+            self.rank as usize,
+            &options,
+            &stages,
+            &mut |done, what| {
                 task.report(done, what);
-            })?;
+            },
+        )?;
         task.finish();
         put(&self.output, "compactness.json", result.to_json()?)?;
         put(&self.output, "table.md", report::measures_table(&result.curves))?;
@@ -260,6 +279,7 @@ impl Compactness {
             &result.curves,
         )?;
         put(&self.output, "report.html", page)?;
+        stages.forget();
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
@@ -302,11 +322,17 @@ impl Photos {
             .map(|(photo, landmarks)| Subject::read(photo, landmarks.as_deref()))
             .collect::<Result<Vec<_>>>()?;
         output_directory(&self.output)?;
+        let hashes: Vec<u64> = subjects.iter().map(Subject::hash).collect();
+        let stages = Stages::new(
+            &self.output,
+            &format!("photos {} {hashes:?} {}", self.rank, self.fixtures.display()),
+        );
         let mut task = console.task("fitting", 1000);
         let sheets = photos::run(
             &subjects,
             &models,
             (&self.fixtures, self.rank as usize),
+            &stages,
             &mut |done, what| task.report(done, what),
         )?;
         task.finish();
@@ -314,6 +340,7 @@ impl Photos {
             picture.write_png(&self.output.join(name))?;
         }
         put(&self.output, "report.html", sheets.page()?)?;
+        stages.forget();
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())
     }
@@ -335,15 +362,19 @@ struct Registration {
 impl Registration {
     fn run(self, console: Console) -> Result<()> {
         output_directory(&self.output)?;
+        let stages =
+            Stages::new(&self.output, &format!("registration {}", self.fixtures.display()));
         let mut task = console.task("registration", 1000);
-        let result = registration::run(&self.fixtures, self.scans as usize, &mut |done, what| {
-            task.report(done, what);
-        })?;
+        let result =
+            registration::run(&self.fixtures, self.scans as usize, &stages, &mut |done, what| {
+                task.report(done, what);
+            })?;
         task.finish();
         result.averages()?.write_png(&self.output.join("averages.png"))?;
         put(&self.output, "registration.json", result.to_json()?)?;
         put(&self.output, "table.md", result.markdown())?;
         put(&self.output, "report.html", result.page()?)?;
+        stages.forget();
         console.say(result.markdown().trim_end());
         console.say(format_args!("open {}", self.output.join("report.html").display()));
         Ok(())

@@ -8,6 +8,7 @@
 pub mod animals;
 pub mod solid;
 
+use super::stages::{Stages, packed, unpacked};
 use crate::demo;
 use crate::error::{Error, Result};
 use crate::fit::{Control, Ending, Job, Schedule};
@@ -31,7 +32,7 @@ use onescan_core::chain::Config;
 use onescan_core::model::Model;
 use onescan_core::rng::Rng;
 use onescan_core::scene::Scene;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 
 /// Kernels of the four models, as the paper's.
@@ -100,11 +101,11 @@ struct Subject {
 /// Those of building and fitting.
 pub fn run(
     kind: Kind,
-    template: &Mesh,
-    landmarks: &[Landmark],
+    (template, landmarks): (&Mesh, &[Landmark]),
     pictures: usize,
     schedule: Schedule,
     seed: u64,
+    stages: &Stages,
     progress: &mut Progress<'_>,
 ) -> Result<Objects> {
     let mut rng = Rng::new(seed, ANIMALS);
@@ -116,43 +117,71 @@ pub fn run(
     let mut shown: Vec<Vec<Picture>> =
         subjects.iter().map(|subject| vec![subject.photo.clone()]).collect();
     for kernels in MODELS {
-        let options = BuildOptions {
-            scan_name: kind.name(),
-            kernels: Kernels::named(kernels, Some(Axis::X))?,
-            method: Method::Exact(Truncation::Rank(199)),
-            millimetres: 1.0,
-        };
-        let built = build(template, landmarks, &options, &mut |part, _| {
-            progress((done + part) / steps, kernels);
+        let made = stages.stage(kernels, || {
+            let progress = &mut |part: f64, what: &str| progress((done + part) / steps, what);
+            model(kind, (template, landmarks), &subjects, (kernels, schedule, seed), progress)
         })?;
-        done += 1.0;
-        let halves = [&built.report.shape, &built.report.albedo];
-        let mut row = Row {
-            kernels,
-            rank: halves.map(|half| half.rank),
-            captured: halves.map(|half| half.captured),
-            pixel_rmse: [0.0; 2],
-            landmark_mm: [0.0; 2],
-        };
-        samples.extend(draw_samples(&built.model, seed)?);
-        for (subject, shown) in subjects.iter().zip(&mut shown) {
-            progress(done / steps, &format!("{kernels}: fit"));
-            let one = fit(&built.model, subject, schedule, seed)?;
-            done += 1.0;
-            let count = pictures as f64;
-            for k in 0..2 {
-                row.pixel_rmse[k] += one.pixel_rmse[k] / count;
-                row.landmark_mm[k] += one.landmark_mm[k] / count;
-            }
-            shown.push(one.picture);
+        done += (1 + pictures) as f64;
+        let Made { rank, captured, pixel_rmse, landmark_mm, .. } = made;
+        rows.push(Row { kernels, rank, captured, pixel_rmse, landmark_mm });
+        samples.extend(unpacked(&made.samples)?);
+        for (shown, picture) in shown.iter_mut().zip(unpacked(&made.fits)?) {
+            shown.push(picture);
         }
-        rows.push(row);
     }
     let sheet = |pictures: &[Picture], columns: usize| {
         contact_sheet(&pictures.iter().collect::<Vec<_>>(), columns, 4, WHITE)
     };
     let sheets = [sheet(&samples, SAMPLES), sheet(&shown.concat(), 1 + MODELS.len())];
     Ok(Objects { kind: kind.name(), vertices: template.points.len(), seed, models: rows, sheets })
+}
+
+/// A model's stage: the numbers of its [`Row`], and pictures of samples and fits.
+#[derive(Default, Serialize, Deserialize)]
+struct Made {
+    rank: [usize; 2],
+    captured: [f64; 2],
+    pixel_rmse: [f64; 2],
+    landmark_mm: [f64; 2],
+    samples: Vec<Vec<u8>>,
+    fits: Vec<Vec<u8>>,
+}
+
+/// Builds a model, draws samples and fits it. `progress` hears how many models and fits are done.
+fn model(
+    kind: Kind,
+    (template, landmarks): (&Mesh, &[Landmark]),
+    subjects: &[Subject],
+    (kernels, schedule, seed): (&str, Schedule, u64),
+    progress: &mut Progress<'_>,
+) -> Result<Made> {
+    let options = BuildOptions {
+        scan_name: kind.name(),
+        kernels: Kernels::named(kernels, Some(Axis::X))?,
+        method: Method::Exact(Truncation::Rank(199)),
+        millimetres: 1.0,
+    };
+    let built = build(template, landmarks, &options, &mut |part, _| progress(part, kernels))?;
+    let halves = [&built.report.shape, &built.report.albedo];
+    let mut made = Made {
+        rank: halves.map(|half| half.rank),
+        captured: halves.map(|half| half.captured),
+        samples: packed(&draw_samples(&built.model, seed)?)?,
+        ..Made::default()
+    };
+    let mut shown = Vec::new();
+    for subject in subjects {
+        progress((1 + shown.len()) as f64, &format!("{kernels}: fit"));
+        let one = fit(&built.model, subject, schedule, seed)?;
+        let count = subjects.len() as f64;
+        for k in 0..2 {
+            made.pixel_rmse[k] += one.pixel_rmse[k] / count;
+            made.landmark_mm[k] += one.landmark_mm[k] / count;
+        }
+        shown.push(one.picture);
+    }
+    made.fits = packed(&shown)?;
+    Ok(made)
 }
 
 /// A picture of another animal, from the side.
