@@ -56,7 +56,7 @@ Examples:
   onescan landmarks photo.jpg --picture marked.png
   onescan fit face.3dmm photo.jpg --landmarks photo.tlms -o fit
   onescan recognise people photo.jpg --model face.3dmm -o who
-  onescan render face.3dmm --fit fit/fit.json -o turned.png --yaw 30
+  onescan render face.3dmm --fit fit -o turned.png --yaw 30
   onescan register face.3dmm scan.ply -o registered
   onescan convert face.3dmm -o face.h5
   onescan serve                                  the same in a browser
