@@ -516,7 +516,7 @@ pub fn write(
 /// `page` as their report; all or none: summary.json is the last.
 ///
 /// # Errors
-/// As [`write`]; the folders must be there.
+/// As [`write()`]; the folders must be there.
 #[cfg(feature = "full")]
 pub fn write_all(
     directory: &Path,
