@@ -383,7 +383,7 @@ test('what is wrong is said', async () => {
   cases.push(
     [() => onescan.model('face.3dmm'), /as a Uint8Array, not a string: read the file/],
     [() => onescan.fit({ photo, landmarks }), /needs a model of model\(\), not nothing/],
-    [() => onescan.fit({ model: good, photo: onescan.photo(photo), landmarks }), /not a promise: await it/],
+    [() => onescan.fit({ model: good, photo: Promise.resolve(photo), landmarks }), /not a promise: await it/],
     [() => onescan.fit({ model: good, photo }), /needs landmarks/],
     [() => onescan.fit({ model: good, landmarks }), /needs a photo of photo\(\), not nothing/],
   );
