@@ -41,15 +41,21 @@ impl Stages {
     ) -> Result<T> {
         let path = self.folder.join(format!("{name}.bin"));
         self.used.borrow_mut().push(path.clone());
-        let known = files::read(&path).ok().and_then(|bytes| unseal::<(u64, T)>(MAGIC, &bytes));
-        if let Some((_, known)) = known.filter(|(settings, _)| *settings == self.settings) {
+        let known = files::read(&path).ok().and_then(|bytes| unseal(MAGIC, &bytes));
+        if let Some(known) = known.and_then(|known| self.value(&known)) {
             return Ok(known);
         }
         let made = make()?;
-        let bytes = seal(MAGIC, &(self.settings, &made))?;
+        // As JSON, since results may leave fields out, which postcard could not read.
+        let text = serde_json::to_string(&made).map_err(Error::new)?;
+        let bytes = seal(MAGIC, &(self.settings, text))?;
         std::fs::create_dir_all(&self.folder).map_err(|e| Error::file(&self.folder, e))?;
         write_atomically(&path, |out| out.write_all(&bytes))?;
         Ok(made)
+    }
+
+    fn value<T: DeserializeOwned>(&self, (settings, text): &(u64, String)) -> Option<T> {
+        serde_json::from_str(text).ok().filter(|_| *settings == self.settings)
     }
 
     /// Removes them: the experiment's results are written.
@@ -81,6 +87,30 @@ pub fn unpacked(kept: &[Vec<u8>]) -> Result<Vec<Picture>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::metrics::{Estimate, Metrics, Point};
+
+    #[test]
+    fn results_come_back_to_the_last_bit_whatever_they_leave_out() {
+        let place = tempfile::tempdir().unwrap();
+        let estimate = Estimate { mean: 0.1 + 0.2, standard_error: 1e-300 };
+        let point = Point {
+            components: 1,
+            compactness: std::f64::consts::PI,
+            generalization: estimate,
+            specificity: estimate,
+            surface_generalization: Some(estimate),
+            surface_specificity: None,
+        };
+        let metrics = Metrics { shape: vec![point], albedo: Vec::new() };
+        let stages = Stages::new(place.path(), "");
+        stages.stage("one", || Ok(metrics.clone())).unwrap();
+        let again = stages.stage("one", || Err(Error::new("it was kept"))).unwrap();
+        assert_eq!(metrics, again);
+        let pictures = [Picture::filled(3, 2, [9, 0, 255]), Picture::filled(1, 1, [1, 2, 3])];
+        stages.stage("two", || packed(&pictures)).unwrap();
+        let again: Vec<Vec<u8>> = stages.stage("two", || Err(Error::new("it was kept"))).unwrap();
+        assert_eq!(unpacked(&again).unwrap(), pictures);
+    }
 
     #[test]
     fn a_stage_is_made_once_for_the_same_settings() {
