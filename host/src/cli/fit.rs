@@ -226,7 +226,7 @@ impl Fit {
             (0..self.images.len()).map(|i| self.read(i, console)).collect::<Result<Vec<_>>>()?;
         for (i, (photo, _)) in photos.iter().enumerate() {
             if let Some(other) = photos[..i].iter().position(|(other, _)| other == photo) {
-                let same = format_args!(
+                let same = format!(
                     "is the same picture as {}, and would count twice; leave it out",
                     self.images[other].display()
                 );
