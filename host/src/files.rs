@@ -52,7 +52,7 @@ impl FileKind {
     }
 
     /// The kind that a file's name tells. `.json` alone tells none.
-    fn of(path: &Path) -> Option<Self> {
+    pub fn of(path: &Path) -> Option<Self> {
         let tells = |e: &&str| *e != "json" && has_extension(path, &[e]);
         Self::ALL.into_iter().find(|kind| kind.known().1.iter().any(&tells))
     }

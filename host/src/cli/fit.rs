@@ -132,9 +132,6 @@ pub(super) struct Fit {
     chain: ChainOptions,
 }
 
-/// What photos are told by.
-const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
-
 /// Chains of a posterior, if nothing is said: as in docs/posterior.md.
 const CHAINS: u32 = 4;
 
@@ -259,7 +256,7 @@ impl Fit {
     fn sort_out(&mut self) {
         let given = std::mem::take(&mut self.images);
         (self.more, self.images) = given.into_iter().partition(|path| is_model(path));
-        let is_photo = |path: &Path| has_extension(path, &PHOTOS);
+        let is_photo = |path: &Path| FileKind::of(path) == Some(FileKind::Photo);
         if self.images.is_empty() {
             let given = std::mem::take(&mut self.landmarks);
             (self.images, self.landmarks) = given.into_iter().partition(|path| is_photo(path));
@@ -270,12 +267,8 @@ impl Fit {
     fn check_counts(&self) -> Result<()> {
         let photos = self.images.len();
         if photos == 0 {
-            let none = "no photo; name it after the model (PNG or JPEG)";
-            return Err(if has_extension(&self.model, &PHOTOS) {
-                Error::file(&self.model, FileKind::Photo.in_place_of(FileKind::Model))
-            } else {
-                Error::new(none)
-            });
+            let none = || Error::new("no photo; name it after the model (PNG or JPEG)");
+            return Err(FileKind::Model.misplaced(&self.model).unwrap_or_else(none));
         }
         if photos > MAX_PHOTOS {
             return Err(Error::new(format_args!(

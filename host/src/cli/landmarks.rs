@@ -5,7 +5,7 @@ use super::scan::{Placed, Reading};
 use clap::Args;
 use onescan::error::{Error, Result};
 use onescan::face_mesh::{Marked, scan};
-use onescan::files::{has_extension, write_atomically};
+use onescan::files::{FileKind, write_atomically};
 use onescan::photo;
 use onescan::photo::picture::Picture;
 use onescan::photo::tlms::Tlms;
@@ -49,7 +49,7 @@ pub(super) struct Landmarks {
 
 impl Landmarks {
     pub(super) fn run(self, console: Console) -> Result<()> {
-        let is_photo = has_extension(&self.input, &["png", "jpg", "jpeg"]);
+        let is_photo = FileKind::of(&self.input) == Some(FileKind::Photo);
         let extension = if is_photo { "tlms" } else { "json" };
         let beside = self.input.with_extension(extension);
         if self.output.is_none() && beside.exists() {
